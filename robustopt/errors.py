@@ -1,0 +1,76 @@
+"""Errors that robustopt raises.
+
+RobustOptError
+├── ConfigError            the configuration cannot be used (exit code 2)
+│   ├── RobotError         the robot's model file, its tool or its limits
+│   └── PathError          the path is unreachable, leaves a limit, jumps or collides
+├── ProblemInfeasible      no timing of the path satisfies the limits (exit code 3)
+├── SolverFailed           a solver stopped without an answer, or its plan failed the certificate (exit code 4)
+└── RunFolderError         a run folder cannot be written or read (exit code 2)
+
+Expected outcomes (infeasible, iteration limit) are statuses of a `Plan`; the last three of the tree are
+raised only by the command line and by functions that have no plan to return.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+class RobustOptError(Exception):
+    """Base of all errors of this package."""
+
+    exit_code = 1
+
+
+@dataclass(frozen=True)
+class ConfigProblem:
+    """One mistake in a configuration: where, what was found, what would be right."""
+
+    key: str
+    message: str
+    location: str = ""
+
+    def __str__(self) -> str:
+        where = f"{self.location}: " if self.location else ""
+        key = f"{self.key}: " if self.key else ""
+        return f"{where}{key}{self.message}"
+
+
+class ConfigError(RobustOptError):
+    """The configuration cannot be used; `problems` lists every mistake that was found."""
+
+    exit_code = 2
+
+    def __init__(self, problems: Sequence[ConfigProblem] | str, key: str = "") -> None:
+        if isinstance(problems, str):
+            problems = [ConfigProblem(key=key, message=problems)]
+        self.problems = tuple(problems)
+        super().__init__("\n".join(str(problem) for problem in self.problems))
+
+
+class RobotError(ConfigError):
+    """The robot's model file, its tool or its limits cannot be used."""
+
+
+class PathError(ConfigError):
+    """The path is unreachable, leaves a joint limit, jumps to another branch or collides."""
+
+
+class ProblemInfeasible(RobustOptError):
+    """No timing of the path satisfies the limits for every value in the intervals."""
+
+    exit_code = 3
+
+
+class SolverFailed(RobustOptError):
+    """A solver stopped without an answer, or its plan failed the certificate."""
+
+    exit_code = 4
+
+
+class RunFolderError(RobustOptError):
+    """A run folder cannot be written or read."""
+
+    exit_code = 2
