@@ -1,0 +1,109 @@
+"""Inverse kinematics of the tray: damped Gauss-Newton steps, from many starts or along a path.
+
+With the error e = (p* - p, log(R* R^T)) and the Jacobian J of the tray in the world, a step is the shortest one that
+solves J dq = e, damped in proportion to |e|^2, so that it converges quadratically where the arm is not singular.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from robustopt.robot import Robot
+
+ACCURACY = 1e-10
+"""Pose error of a solution [m and rad]: far below any tolerance of a path, far above rounding."""
+DAMPING = 0.1
+"""Damping per squared error: keeps steps moderate far from the solution, vanishes at it."""
+LONGEST_STEP = 0.5
+"""Longest joint step of one iteration [rad or m]: the linearisation does not reach further."""
+SEEDS = 64
+"""Starts from which the first pose is solved: a 6-joint arm has up to 16 solutions, found with a few starts each."""
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Joint position `q` (n,) and the pose error that is left, in position [m] and angle [rad]."""
+
+    q: np.ndarray
+    distance: float
+    angle: float
+
+    @property
+    def converged(self) -> bool:
+        """Whether the pose is reached."""
+        return self.distance < ACCURACY and self.angle < ACCURACY
+
+
+def solve_pose(
+    robot: Robot, position: np.ndarray, rotation: np.ndarray, q: np.ndarray, iterations: int = 40
+) -> Solution:
+    """Joint position near `q` (n,) at which the tray is at `position` (3,) [m] and `rotation` (3, 3) in the world."""
+    q = np.array(q, dtype=float)
+    for _ in range(iterations):
+        p, R, J = robot.tray_jacobian(q)
+        error = np.concatenate((position - p, rotation_vector(rotation @ R.T)))
+        solution = Solution(q, math.hypot(*error[:3]), math.hypot(*error[3:]))
+        if solution.converged:
+            break
+        step = _damped_step(J, error)
+        q = q + step * min(1.0, LONGEST_STEP / max(np.abs(step).max(), LONGEST_STEP))
+    return solution
+
+
+def solve_from_everywhere(robot: Robot, position: np.ndarray, rotation: np.ndarray) -> list[Solution]:
+    """Solutions from starts spread over the joint ranges, nearest first; those that reach the pose are all different.
+
+    The starts are a Halton sequence without scrambling: the same in every run.
+    """
+    solutions: list[Solution] = []
+    for seed in _seeds(robot):
+        solution = solve_pose(robot, position, rotation, seed)
+        if not any(_same(robot, solution, other) for other in solutions):
+            solutions.append(solution)
+    return sorted(solutions, key=lambda solution: solution.distance + solution.angle)
+
+
+def rotation_vector(R: np.ndarray) -> np.ndarray:
+    """Rotation vector log(R) (3,) of a rotation matrix (3, 3) [rad]."""
+    x, y, z = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
+    sine, cosine = math.sqrt(x * x + y * y + z * z) / 2, (R[0, 0] + R[1, 1] + R[2, 2] - 1) / 2
+    if sine < 1e-4 and cosine < 0:
+        return np.asarray(Rotation.from_matrix(R).as_rotvec())
+    scale = math.atan2(sine, cosine) / (2 * sine) if sine > 1e-9 else 0.5
+    return np.array((x * scale, y * scale, z * scale))
+
+
+def _damped_step(J: np.ndarray, error: np.ndarray) -> np.ndarray:
+    damping = DAMPING * float(error @ error) + 1e-14
+    if J.shape[1] > J.shape[0]:
+        return np.asarray(J.T @ np.linalg.solve(J @ J.T + damping * np.eye(J.shape[0]), error))
+    return np.asarray(np.linalg.solve(J.T @ J + damping * np.eye(J.shape[1]), J.T @ error))
+
+
+def _seeds(robot: Robot) -> np.ndarray:
+    lower = np.maximum(robot.limits.lower, -np.pi)
+    upper = np.minimum(robot.limits.upper, np.pi)
+    return lower + (upper - lower) * halton(SEEDS, robot.n)
+
+
+def halton(count: int, dimensions: int) -> np.ndarray:
+    """The first points of the Halton sequence in the unit cube, shape (count, dimensions), 0 left out."""
+    primes = [p for p in range(2, 1000) if all(p % divisor for divisor in range(2, math.isqrt(p) + 1))]
+    points = np.zeros((count, dimensions))
+    for column, base in enumerate(primes[:dimensions]):
+        index, digit = np.arange(1, count + 1), 1.0
+        while index.any():
+            digit /= base
+            points[:, column] += digit * (index % base)
+            index = index // base
+    return points
+
+
+def _same(robot: Robot, one: Solution, other: Solution) -> bool:
+    difference = one.q - other.q
+    difference = np.where(robot.hinges, (difference + np.pi) % (2 * np.pi) - np.pi, difference)
+    return one.converged and other.converged and bool(np.abs(difference).max() < 1e-3)

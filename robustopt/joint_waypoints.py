@@ -1,0 +1,79 @@
+"""Joint waypoints: from the configuration or a CSV file."""
+
+from __future__ import annotations
+
+import csv
+import io
+
+import numpy as np
+
+from robustopt.config import Config
+from robustopt.errors import ConfigProblem, PathError
+
+KEY = "path.joints"
+SAME_POSITION = 1e-9
+"""Joint positions nearer than this are repeated [rad or m]."""
+
+
+def joint_waypoints(config: Config, joint_names: tuple[str, ...]) -> np.ndarray:
+    """Waypoints of `path.joints`, shape (W, n) [rad or m].
+
+    Raises PathError if a CSV file cannot be read, the number of columns is not that of the joints, there are fewer
+    than two waypoints, or one is repeated.
+    """
+    joints = config.path.joints
+    rows = _read_csv(config, joints, joint_names) if isinstance(joints, str) else [list(row) for row in joints or ()]
+    problems = [
+        ConfigProblem(
+            f"{KEY}[{i}]",
+            f"has {len(row)} values; the robot has {len(joint_names)} joints: {', '.join(joint_names)}",
+        )
+        for i, row in enumerate(rows)
+        if len(row) != len(joint_names)
+    ]
+    if problems:
+        raise PathError(problems)
+    if len(rows) < 2:
+        raise PathError(f"a path needs at least two waypoints; there is {len(rows) or 'none'}", key=KEY)
+    waypoints = np.array(rows)
+    repeated = np.flatnonzero(np.abs(np.diff(waypoints, axis=0)).max(axis=1) < SAME_POSITION)
+    if len(repeated):
+        raise PathError(
+            [
+                ConfigProblem(f"{KEY}[{i + 1}]", f"repeats joints[{i}]; leave one of them out")
+                for i in repeated.tolist()
+            ]
+        )
+    return waypoints
+
+
+def _read_csv(config: Config, name: str, joint_names: tuple[str, ...]) -> list[list[float]]:
+    """Rows of a CSV file, one waypoint each; a first row that holds the joint names puts the columns in order."""
+    file = config.folder / name
+    try:
+        text = file.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise PathError(f"{file}: cannot be read: {error}", key=KEY) from error
+    rows = [[cell.strip() for cell in row] for row in csv.reader(io.StringIO(text)) if any(map(str.strip, row))]
+    columns = list(range(len(rows[0]))) if rows else []
+    if rows and not _is_number(rows[0][0]):
+        header = rows.pop(0)
+        if sorted(header) != sorted(joint_names):
+            raise PathError(
+                f"{file}: the columns are {', '.join(header)}; they must be the joints {', '.join(joint_names)}", key=KEY
+            )
+        columns = [header.index(joint) for joint in joint_names]
+    values = []
+    for i, row in enumerate(rows):
+        wrong = [cell for cell in row if not _is_number(cell)]
+        if wrong:
+            raise PathError(f"{file}, waypoint {i}: {wrong[0]!r} is not a finite number", key=KEY)
+        values.append([float(row[column]) for column in columns] if len(row) == len(columns) else [float("nan")] * len(row))
+    return values
+
+
+def _is_number(text: str) -> bool:
+    try:
+        return bool(np.isfinite(float(text)))
+    except ValueError:
+        return False

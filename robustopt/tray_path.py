@@ -1,0 +1,145 @@
+"""The path of the tray in the world: straight segments between poses, with rounded corners or stops at them.
+
+A segment moves on a straight line at a constant rate while the orientation turns about one axis (slerp). The length
+sigma along it counts translation and rotation alike, sqrt(|dp|^2 + (TURN_LENGTH * angle)^2), so that a turn on the
+spot has a length too (our choice).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from robustopt.config import PathConfig, TrayPose
+from robustopt.errors import ConfigProblem, PathError
+
+TURN_LENGTH = 0.3
+"""Length that a turn by one radian counts for [m]: about the distance of an object's top from the tray's centre."""
+SAME_POSE = 1e-6
+"""Poses nearer than this are repeated [m of sigma]: no sensible path has segments of a micrometre."""
+STRAIGHT = 1e-6
+"""Directions that differ by less than this continue straight through a waypoint."""
+REVERSAL = np.cos(np.deg2rad(170))
+"""Directions further apart than 170 degrees are a reversal: rounded, the path would nearly stand still inside."""
+HALF_TURN = np.pi - 1e-6
+"""A turn of pi has no shortest way [rad]."""
+
+
+@dataclass(frozen=True)
+class TrayPath:
+    """Poses of the tray along sigma in [0, length].
+
+    `start` (W,): sigma of each waypoint [m]. `position` (W, 3) [m] and `rotation` (W, 3, 3): its pose in the world.
+    `velocity` (W-1, 3): dp/dsigma of each segment. `turn` (W-1, 3): its turning rate in the body frame [rad/m].
+    `blend` (W,): length rounded on each side of the waypoint [m], 0 at the ends, where it goes straight on, and at
+    stops. `stops` (W,): whether the tray stops there; it does at both ends.
+    """
+
+    start: np.ndarray
+    position: np.ndarray
+    rotation: np.ndarray
+    velocity: np.ndarray
+    turn: np.ndarray
+    blend: np.ndarray
+    stops: np.ndarray
+
+    @property
+    def length(self) -> float:
+        """Length of the path [m]."""
+        return float(self.start[-1])
+
+    @property
+    def breaks(self) -> np.ndarray:
+        """Sigma of the stops, both ends included, shape (K+1,) [m]."""
+        return self.start[self.stops]
+
+    def pose(self, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Tray frame in the world at `sigma` (P,): position (P, 3) [m] and rotation (P, 3, 3).
+
+        At the corner between directions d1 and d2 with body rates w1 and w2, sigma counted from the corner:
+        p = p_corner + alpha d1 + beta d2 and R = R_corner exp(alpha w1) exp(beta w2), where alpha = min(sigma, 0) and
+        beta = max(sigma, 0) but for the blend, in which both bend smoothly (C2).
+        """
+        corner = self._nearest_corner(sigma)
+        before, after = np.maximum(corner - 1, 0), np.minimum(corner, len(self.velocity) - 1)
+        alpha, beta = _corner_lengths(sigma - self.start[corner], self.blend[corner])
+        position = (
+            self.position[corner] + alpha[:, None] * self.velocity[before] + beta[:, None] * self.velocity[after]
+        )
+        turned = Rotation.from_rotvec(alpha[:, None] * self.turn[before]) * Rotation.from_rotvec(
+            beta[:, None] * self.turn[after]
+        )
+        return position, self.rotation[corner] @ turned.as_matrix()
+
+    def _nearest_corner(self, sigma: np.ndarray) -> np.ndarray:
+        middle = (self.start[1:] + self.start[:-1]) / 2
+        return np.searchsorted(middle, sigma)
+
+
+def tray_path(path: PathConfig) -> TrayPath:
+    """The path through `path.tray_poses`.
+
+    Raises PathError for fewer than two poses, repeated poses, and turns by half a turn.
+    """
+    poses = path.tray_poses or ()
+    if len(poses) < 2:
+        raise PathError(f"a path needs at least two tray poses; there is {len(poses) or 'none'}", key="path.tray_poses")
+    position = np.array([pose.position for pose in poses])
+    rotation = np.array([orientation(pose) for pose in poses])
+    angle = Rotation.from_matrix(rotation[:-1].transpose(0, 2, 1) @ rotation[1:]).as_rotvec()
+    length = np.hypot(
+        np.linalg.norm(np.diff(position, axis=0), axis=1), TURN_LENGTH * np.linalg.norm(angle, axis=1)
+    )
+    _check_segments(length, angle)
+    velocity, turn = np.diff(position, axis=0) / length[:, None], angle / length[:, None]
+    blend, stops = _corners(velocity, turn, length, path.blend)
+    start = np.concatenate(([0.0], np.cumsum(length)))
+    return TrayPath(start, position, rotation, velocity, turn, blend, stops)
+
+
+def orientation(pose: TrayPose) -> np.ndarray:
+    """Rotation (3, 3) of a tray pose; level and unturned where the configuration says nothing."""
+    if pose.quaternion is not None:
+        return np.asarray(Rotation.from_quat(pose.quaternion, scalar_first=True).as_matrix())
+    return np.asarray(Rotation.from_euler("xyz", pose.rpy or (0.0, 0.0, pose.yaw or 0.0)).as_matrix())
+
+
+def _check_segments(length: np.ndarray, angle: np.ndarray) -> None:
+    problems = [
+        ConfigProblem(f"path.tray_poses[{i + 1}]", f"repeats tray_poses[{i}]; leave one of them out")
+        for i in np.flatnonzero(length < SAME_POSE)
+    ]
+    problems += [
+        ConfigProblem(
+            f"path.tray_poses[{i + 1}]",
+            f"is half a turn from tray_poses[{i}], which leaves open which way round; put a pose between them",
+        )
+        for i in np.flatnonzero(np.linalg.norm(angle, axis=1) > HALF_TURN)
+    ]
+    if problems:
+        raise PathError(problems)
+
+
+def _corners(velocity: np.ndarray, turn: np.ndarray, length: np.ndarray, blend: float) -> tuple[np.ndarray, np.ndarray]:
+    """Blend length and stop of every waypoint: straight through, rounded, or a stop."""
+    direction = np.hstack((velocity, TURN_LENGTH * turn))
+    cosine = np.sum(direction[:-1] * direction[1:], axis=1)
+    straight = np.linalg.norm(np.diff(direction, axis=0), axis=1) < STRAIGHT
+    rounded = ~straight & (cosine > REVERSAL) & (blend > 0)
+    inner = np.where(rounded, np.minimum(blend, np.minimum(length[:-1], length[1:]) / 2), 0.0)
+    return np.concatenate(([0.0], inner, [0.0])), np.concatenate(([True], ~straight & ~rounded, [True]))
+
+
+def _corner_lengths(sigma: np.ndarray, blend: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How far along the old and the new direction, (alpha, beta), at `sigma` from a corner.
+
+    beta is the integral of the smoothstep 3 t^2 - 2 t^3, t = (sigma + r) / (2 r): from 0 at -r to r at r, with second
+    derivatives 0 at both; alpha = sigma - beta.
+    """
+    r = np.where(blend > 0, blend, 1.0)
+    t = np.clip((sigma + r) / (2 * r), 0.0, 1.0)
+    smooth = 2 * r * (t**3 - t**4 / 2)
+    beta = np.where(np.abs(sigma) < blend, smooth, np.maximum(sigma, 0.0))
+    return sigma - beta, beta

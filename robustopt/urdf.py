@@ -1,0 +1,87 @@
+"""URDF files for MuJoCo: looks and meshes that cannot be found are left out, limits that MuJoCo drops are kept."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+MESH_FORMATS = frozenset({".stl", ".obj", ".msh"})
+
+
+@dataclass(frozen=True)
+class UrdfLimits:
+    """Joint limits of a URDF file by joint name: speed [rad/s or m/s] and torque or force [N m or N]."""
+
+    velocity: Mapping[str, float] = field(default_factory=dict)
+    effort: Mapping[str, float] = field(default_factory=dict)
+
+
+def is_urdf(file: Path) -> bool:
+    """Whether the file is a URDF: by its suffix, or because its root element is `robot`."""
+    return file.suffix.lower() == ".urdf" or "<robot" in file.read_text(encoding="utf-8", errors="replace")[:4000]
+
+
+def read_urdf(file: Path, resolve_package: Callable[[str], Path | None]) -> tuple[str, UrdfLimits, tuple[str, ...]]:
+    """Text of the URDF that MuJoCo can read, its limits, and a note for everything that was left out.
+
+    Raises ValueError if the file is not well-formed XML.
+    """
+    try:
+        root = ET.fromstring(file.read_text(encoding="utf-8"))
+    except ET.ParseError as error:
+        raise ValueError(f"not well-formed XML: {error}") from error
+    notes = []
+    for link in root.iter("link"):
+        for visual in link.findall("visual"):
+            link.remove(visual)
+        for collision in link.findall("collision"):
+            mesh = collision.find("geometry/mesh")
+            if mesh is None:
+                continue
+            found = _mesh_file(mesh.get("filename", ""), file.parent, resolve_package)
+            if found is None:
+                link.remove(collision)
+                notes.append(
+                    f"the collision mesh {mesh.get('filename')} of {link.get('name')} cannot be used and is left out"
+                )
+            else:
+                mesh.set("filename", str(found))
+    _set_compiler(root)
+    return ET.tostring(root, encoding="unicode"), _limits(root), tuple(notes)
+
+
+def _mesh_file(name: str, folder: Path, resolve_package: Callable[[str], Path | None]) -> Path | None:
+    if name.startswith("package://"):
+        file = resolve_package(name)
+    else:
+        file = folder / name.removeprefix("file://")
+    if file is None or not file.is_file() or file.suffix.lower() not in MESH_FORMATS:
+        return None
+    return file.resolve()
+
+
+def _set_compiler(root: ET.Element) -> None:
+    extension = root.find("mujoco")
+    if extension is None:
+        extension = ET.SubElement(root, "mujoco")
+    compiler = extension.find("compiler")
+    if compiler is None:
+        compiler = ET.SubElement(extension, "compiler")
+    for name, value in (("strippath", "false"), ("fusestatic", "false")):
+        compiler.set(name, value)
+
+
+def _limits(root: ET.Element) -> UrdfLimits:
+    """Limits as written; zero or less stands for a limit that was not filled in."""
+    velocity, effort = {}, {}
+    for joint in root.iter("joint"):
+        limit, name = joint.find("limit"), joint.get("name")
+        if limit is None or name is None:
+            continue
+        for target, attribute in ((velocity, "velocity"), (effort, "effort")):
+            value = float(limit.get(attribute, "0"))
+            if value > 0:
+                target[name] = value
+    return UrdfLimits(velocity, effort)
