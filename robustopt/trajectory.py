@@ -21,7 +21,7 @@ from robustopt.errors import ConfigError, ProblemInfeasible, SolverFailed
 
 if TYPE_CHECKING:
     from robustopt.path import Path
-    from robustopt.timescaling import Plan
+    from robustopt.timescaling.plan import Plan
 
 Array = NDArray[np.float64]
 

@@ -1,0 +1,171 @@
+"""Joint position, velocity, acceleration and torque over time against their limits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from robustopt.plotting.style import BLUE, INK, VERMILLION
+from robustopt.trajectory import Trajectory, joint_motion
+from robustopt.uncertainty import acceleration_error
+
+if TYPE_CHECKING:
+    from robustopt.timescaling.plan import Plan
+
+Array = NDArray[np.float64]
+JOINTS_PER_FIGURE = 7
+VALUE: dict[str, Any] = {"color": BLUE, "linewidth": 1.4}
+BINDING: dict[str, Any] = {"color": VERMILLION, "linewidth": 2.4}
+LIMIT: dict[str, Any] = {"color": INK, "linewidth": 0.8}
+ROBUST_LIMIT: dict[str, Any] = {"color": INK, "linewidth": 0.9, "linestyle": ":"}
+UNITS = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s²", "torque": "N m"}
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One quantity of every joint at both ends of every interval: M times, n joints.
+
+    Attributes:
+        name: position, velocity, acceleration or torque, as in the names of the limits.
+        value: shape (M, n).
+        lower, upper: limits, shape (n,).
+        robust_lower, robust_upper: limits less what the uncertain parameters may add, shape (M, n), or None.
+    """
+
+    name: str
+    value: Array
+    lower: Array
+    upper: Array
+    robust_lower: Array | None = None
+    robust_upper: Array | None = None
+
+    def shrunk_limits(self, joint: int) -> list[Array]:
+        """Robust limits of a joint that are not simply its limits, each of shape (M,)."""
+        pairs = ((self.robust_lower, self.lower[joint]), (self.robust_upper, self.upper[joint]))
+        return [
+            robust[:, joint]
+            for robust, limit in pairs
+            if robust is not None and not np.allclose(robust[:, joint], limit)
+        ]
+
+
+def joint_figures(plan: Plan, title: str) -> list[Figure]:
+    """Figures with a row per quantity and a column per joint, `JOINTS_PER_FIGURE` joints to a figure.
+
+    Solid lines are the limits, dotted ones the limits less what the uncertain parameters may add to the plan.
+    """
+    times, quantities = joint_quantities(plan)
+    names = plan.problem.robot.joint_names
+    groups = [range(k, min(k + JOINTS_PER_FIGURE, len(names))) for k in range(0, len(names), JOINTS_PER_FIGURE)]
+    return [_figure(plan, times, quantities, group, title) for group in groups]
+
+
+def joint_quantities(plan: Plan) -> tuple[Array, list[Quantity]]:
+    """Times (M,) [s] and the four quantities at both ends of every interval that has a length.
+
+    Accelerations and torques jump at the grid points: each has the value before and the value after it.
+    """
+    trajectory = Trajectory.from_plan(plan)
+    moving = np.flatnonzero(np.diff(trajectory.times) > 0)
+    points = np.stack([moving, moving + 1], axis=1).ravel()
+    t, s, sd = trajectory.times[points], trajectory.s[points], trajectory.sd[points]
+    sdd = np.repeat(trajectory.sdd[moving], 2)
+    motion = joint_motion(trajectory.path, trajectory.piece[points], t, s, sd, sdd)
+    limits = plan.problem.robot.limits
+    return t, [
+        Quantity("position", motion.q, limits.lower, limits.upper),
+        Quantity("velocity", motion.qd, -limits.velocity, limits.velocity),
+        _acceleration(plan, motion.qdd),
+        _torque(plan, points, sdd, sd**2),
+    ]
+
+
+def _acceleration(plan: Plan, value: Array) -> Quantity:
+    """Joint acceleration; the limits less its error."""
+    limit = plan.problem.robot.limits.acceleration
+    middle, radius = acceleration_error(plan.problem.config, value.shape[1])
+    lower, upper = (
+        np.broadcast_to(-limit - middle + radius, value.shape),
+        np.broadcast_to(limit - middle - radius, value.shape),
+    )
+    return Quantity("acceleration", value, -limit, limit, lower, upper)
+
+
+def _torque(plan: Plan, points: NDArray[np.intp], u: Array, x: Array) -> Quantity:
+    """Nominal joint torque, payload and joint friction included; the limits less what all uncertain parameters may add.
+
+    points: grid point of each value, starts and ends of intervals in turn, (M,); u, x: there, (M,)
+    """
+    limit = plan.problem.robot.limits.torque
+    value = np.empty((len(points), len(limit)))
+    for end in (0, 1):
+        u_there, x_there = np.zeros(len(plan.s)), np.zeros(len(plan.s))
+        u_there[points[end::2]], x_there[points[end::2]] = u[end::2], x[end::2]
+        value[end::2] = plan.problem.torques(u_there, x_there)[points[end::2]]
+    most, least = np.split((plan.problem.limits.torque.excess(u, x, points) + 1.0) * np.tile(limit, 2), 2, axis=1)
+    return Quantity("torque", value, -limit, limit, -limit + (value + least), limit - (most - value))
+
+
+def _figure(plan: Plan, times: Array, quantities: list[Quantity], joints: Sequence[int], title: str) -> Figure:
+    figure = Figure(figsize=(max(1.2 + 1.9 * len(joints), 5.0), 7.6))
+    axes = figure.subplots(len(quantities), len(joints), sharex=True, squeeze=False)
+    names = plan.problem.robot.joint_names
+    for row, quantity in enumerate(quantities):
+        for column, joint in enumerate(joints):
+            _draw(axes[row, column], times, quantity, joint, _binding(plan, f"{names[joint]} {quantity.name}"))
+        axes[row, 0].set_ylabel(f"{quantity.name} [{UNITS[quantity.name]}]")
+    for column, joint in enumerate(joints):
+        axes[0, column].set_title(names[joint], loc="center")
+        axes[-1, column].set_xlabel("time [s]")
+    figure.suptitle(title, x=0.01, ha="left")
+    _draw_legend(figure, shrunk=any(quantity.shrunk_limits(joint) for quantity in quantities for joint in joints))
+    return figure
+
+
+def _draw_legend(figure: Figure, shrunk: bool) -> None:
+    """One line at the top right, beside the title."""
+    styles = {"plan": VALUE, "plan, its limit binds": BINDING, "limit": LIMIT}
+    if shrunk:
+        styles["limit less what is uncertain"] = ROBUST_LIMIT
+    handles = [Line2D([], [], **style) for style in styles.values()]
+    figure.legend(handles, list(styles), loc="upper right", ncols=len(styles), borderaxespad=0.1)
+
+
+def _binding(plan: Plan, limit: str) -> NDArray[np.bool_]:
+    """Whether `limit` binds on each interval that has a length, shape (M/2,)."""
+    moves = np.diff(Trajectory.from_plan(plan).times) > 0
+    return np.array([limit in active for active in plan.active], dtype=bool)[moves]
+
+
+def _draw(axes: Axes, times: Array, quantity: Quantity, joint: int, binds: NDArray[np.bool_]) -> None:
+    value = quantity.value[:, joint]
+    for limit in (quantity.lower[joint], quantity.upper[joint]):
+        if np.isfinite(limit):
+            axes.axhline(limit, **LIMIT)
+    for shrunk in quantity.shrunk_limits(joint):
+        axes.plot(times, shrunk, **ROBUST_LIMIT)
+    axes.plot(times, value, **VALUE)
+    intervals = np.stack([times, value], axis=1).reshape(-1, 2, 2)
+    axes.add_collection(LineCollection(list(intervals[binds]), capstyle="butt", zorder=3, **BINDING))
+    axes.set_xlim(times[0], times[-1])
+    axes.locator_params(axis="x", nbins=4)
+    _scale_to_limits(axes, float(quantity.lower[joint]), float(quantity.upper[joint]))
+
+
+def _scale_to_limits(axes: Axes, lower: float, upper: float) -> None:
+    """Show the whole range between the limits, with ticks at these and at zero where it is not too close to one."""
+    span = upper - lower
+    if not np.isfinite(span):
+        axes.locator_params(axis="y", nbins=3)
+        return
+    ticks = [lower, upper] + [0.0] * (lower + 0.15 * span < 0.0 < upper - 0.15 * span)
+    axes.set_ylim(lower - 0.08 * span, upper + 0.08 * span)
+    axes.set_yticks(ticks, [f"{tick:.3g}".replace("-", "\N{MINUS SIGN}") for tick in ticks])

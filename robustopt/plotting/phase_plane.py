@@ -1,0 +1,153 @@
+"""Phase plane (s, sd): the plan under the maximum-velocity curve, coloured by the limit that binds."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.legend_handler import HandlerTuple
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from robustopt.plotting.style import GREY, INK, OTHER, PALE, VERMILLION, limit_colours, percent
+from robustopt.plotting.velocity_limit import maximum_velocity
+from robustopt.trajectory import NO_LIMIT, binding_shares
+
+if TYPE_CHECKING:
+    from robustopt.problem import TimeScalingProblem
+    from robustopt.timescaling.plan import Plan
+
+Array = NDArray[np.float64]
+
+PIECES_PER_INTERVAL = 8
+"""sd is a root of s on an interval, drawn as this many straight lines."""
+
+
+def phase_plane(plan: Plan, title: str) -> Figure:
+    """Figure of sd over s with the maximum-velocity curve, above a strip per limit that shows where it binds.
+
+    The profile has the colour of the limit that binds there; where several do, of the one with the largest share of
+    the duration. The strips show them all. A plan that was not found leaves the curve, and where it has no value.
+    """
+    if plan.x.size == 0:
+        figure = Figure(figsize=(9, 4))
+        plane = figure.subplots()
+        _draw_velocity_limit(plane, plan.problem, top=None)
+        plane.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+        plane.set_xlabel("position along the path, s [1]")
+    else:
+        figure = _with_strips(plan)
+        plane = figure.axes[0]
+    plane.set_title(title)
+    plane.set_ylabel("speed along the path, sd [1/s]")
+    plane.set_xlim(plan.problem.s[0], plan.problem.s[-1])
+    return figure
+
+
+def _with_strips(plan: Plan) -> Figure:
+    shares = binding_shares(plan)
+    colours = limit_colours(shares)
+    strips = _strips(shares, colours)
+    height = 4.2 + 0.24 * len(strips)
+    figure = Figure(figsize=(9, height))
+    plane, strip = figure.subplots(2, 1, sharex=True, height_ratios=[height - 0.24 * len(strips), 0.24 * len(strips)])
+    sd = np.sqrt(np.maximum(plan.x, 0.0))
+    _draw_velocity_limit(plane, plan.problem, top=float(sd.max()))
+    _draw_profile(plane, plan, shares, colours)
+    _draw_legend(plane, [colours[name] for name in shares][:3])
+    _draw_strips(strip, plan, strips, shares, colours)
+    return figure
+
+
+def _draw_velocity_limit(plane: Axes, problem: TimeScalingProblem, top: float | None) -> None:
+    """The curve, the region above it, and the places where no speed is admissible."""
+    limit = maximum_velocity(problem)
+    drawn = np.where(np.isinf(limit), np.nan, limit)
+    highest = float(np.nanmax(drawn, initial=0.0)) or 1.0
+    lowest = float(np.nanmin(drawn, initial=highest))
+    ceiling = 1.05 * highest if top is None else max(1.15 * top, min(1.05 * highest, max(1.6 * top, 1.3 * lowest)))
+    shown = np.minimum(np.where(np.isinf(limit), 2 * ceiling, limit), 2 * ceiling)
+    plane.fill_between(problem.s, shown, 2 * ceiling, color=PALE, linewidth=0)
+    plane.plot(problem.s, shown, color=INK, linewidth=1.0, label="maximum velocity")
+    impossible = np.isnan(limit)
+    if impossible.any():
+        plane.fill_between(
+            problem.s, 0, 1, where=_widened(impossible), transform=plane.get_xaxis_transform(),
+            color=VERMILLION, alpha=0.35, linewidth=0, label="no speed is admissible",
+        )  # fmt: skip
+    plane.set_ylim(0, ceiling)
+
+
+def _widened(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """`mask` and its neighbours: an area needs two points."""
+    padded = np.pad(mask, 1)
+    return padded[:-2] | padded[1:-1] | padded[2:]
+
+
+def _draw_profile(plane: Axes, plan: Plan, shares: dict[str, float], colours: dict[str, str]) -> None:
+    """The profile as one curve per interval, in the colour of its most important limit."""
+    rank = {name: k for k, name in enumerate(shares)}
+    names = [min(active, key=rank.__getitem__) if active else NO_LIMIT for active in plan.active]
+    at = np.linspace(0.0, 1.0, PIECES_PER_INTERVAL + 1)
+    s = plan.s[:-1, None] + np.diff(plan.s)[:, None] * at
+    sd = np.sqrt(np.maximum(plan.x[:-1, None] + np.diff(plan.x)[:, None] * at, 0.0))
+    curves = np.stack([s, sd], axis=2)
+    plane.add_collection(
+        LineCollection(
+            list(curves),
+            colors=[colours[name] for name in names],
+            linewidths=2.6,
+            capstyle="round",
+            zorder=3,
+            clip_on=False,
+        )
+    )
+
+
+def _draw_legend(plane: Axes, colours: list[str]) -> None:
+    """What is drawn beside the profile, and the profile itself as a line of several colours."""
+    handles, labels = plane.get_legend_handles_labels()
+    profile = tuple(Line2D([], [], color=colour, linewidth=2.6) for colour in colours)
+    plane.legend(
+        [profile, *handles], ["plan, coloured by what binds", *labels], loc="upper left", bbox_to_anchor=(1.0, 1.0),
+        handler_map={tuple: HandlerTuple(ndivide=None, pad=0)},
+    )  # fmt: skip
+
+
+def _strips(shares: dict[str, float], colours: dict[str, str]) -> dict[str, frozenset[str]]:
+    """Label of each strip and the limits it shows: one per limit with its own colour, one for all others."""
+    own = {name: frozenset([name]) for name in shares if colours[name] != GREY}
+    others = frozenset(name for name in shares if colours[name] == GREY)
+    return {**own, OTHER: others} if others else own
+
+
+def _draw_strips(
+    strip: Axes, plan: Plan, strips: dict[str, frozenset[str]], shares: dict[str, float], colours: dict[str, str]
+) -> None:
+    """One row per limit: bars where it binds, its name and its share of the duration at the right."""
+    labels = []
+    for row, (label, members) in enumerate(strips.items()):
+        binds = [bool(members & set(active or (NO_LIMIT,))) for active in plan.active]
+        spans = [(plan.s[i], plan.s[i + 1] - plan.s[i]) for i in np.flatnonzero(binds) if plan.s[i + 1] > plan.s[i]]
+        strip.broken_barh(_joined(spans), (row - 0.32, 0.64), facecolors=colours[label], linewidth=0)
+        labels.append(f"{label}, {percent(sum(shares[name] for name in members))}")
+    strip.set_yticks(range(len(strips)), labels)
+    strip.set_ylim(len(strips) - 0.5, -0.5)
+    strip.yaxis.tick_right()
+    strip.tick_params(axis="y", length=0)
+    strip.spines["left"].set_visible(False)
+    strip.set_xlabel("position along the path, s [1]")
+
+
+def _joined(spans: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Adjacent (start, length) spans as one, so that no hairline is seen between them."""
+    joined: list[tuple[float, float]] = []
+    for start, length in spans:
+        if joined and start <= sum(joined[-1]) + 1e-12:
+            joined[-1] = (joined[-1][0], start + length - joined[-1][0])
+        else:
+            joined.append((start, length))
+    return joined

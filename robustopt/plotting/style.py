@@ -1,0 +1,77 @@
+"""Look of the figures, and how they are written so that the same run gives the same files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import matplotlib.style
+from matplotlib.figure import Figure
+
+from robustopt.trajectory import NO_LIMIT
+
+BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY, INDIGO, WINE = (
+    "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#332288", "#882255",
+)  # fmt: skip
+LIMIT_COLOURS = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY, INDIGO, WINE)
+"""Colours that people with a colour vision deficiency tell apart (Okabe and Ito; the last two of Paul Tol)."""
+
+INK, DARK_GREY, GREY, PALE = "#222222", "#666666", "#b3b3b3", "#ececec"
+OTHER = "other limits"
+
+STYLE: dict[str, Any] = {
+    "font.size": 9,
+    "axes.titlesize": 9,
+    "figure.titlesize": 9,
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.6,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "text.color": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "lines.linewidth": 1.4,
+    "lines.solid_capstyle": "butt",
+    "legend.frameon": False,
+    "figure.constrained_layout.use": True,
+    "svg.hashsalt": "robustopt",
+    "savefig.dpi": 160,
+}
+
+
+@contextmanager
+def house_style() -> Iterator[None]:
+    """Draw in the style of this package whatever the user's own settings are, and leave these as they were."""
+    with matplotlib.style.context(["default", STYLE]):
+        yield
+
+
+def limit_colours(shares: Mapping[str, float]) -> dict[str, str]:
+    """Colour of every limit: the ones with the largest shares have their own, the rest that of `OTHER`.
+
+    Args:
+        shares: share of the duration by limit, largest first.
+    """
+    names = [name for name in shares if name != NO_LIMIT]
+    own = dict(zip(names, LIMIT_COLOURS, strict=False))
+    return {**own, **dict.fromkeys(names[len(own) :], GREY), OTHER: GREY, NO_LIMIT: DARK_GREY}
+
+
+def percent(share: float) -> str:
+    """A share in words: `41 %`, `under 1 %`."""
+    return "under 1 %" if 0 < share < 0.01 else f"{100 * share:.0f} %"
+
+
+def save(figure: Figure, folder: Path, name: str, formats: Iterable[str] = ("svg", "png")) -> list[Path]:
+    """Write `figure` once per format and return the files; they carry neither date nor random identifiers."""
+    paths = [folder / f"{name}.{suffix}" for suffix in formats]
+    for path in paths:
+        metadata = {"Date": None} if path.suffix == ".svg" else {"Software": None}
+        figure.savefig(path, metadata=metadata)
+    return paths

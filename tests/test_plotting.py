@@ -1,0 +1,354 @@
+"""Figures: the curve of largest speed against closed forms and a linear program, and files that do not change."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib.collections import LineCollection
+from matplotlib.colors import to_hex
+from scipy.optimize import linprog
+
+from robustopt.config import AccelerationError
+from robustopt.plotting import Utilisation, contacts_figure, house_style, phase_plane, shares_figure, write_figures
+from robustopt.plotting.joints import joint_figures, joint_quantities
+from robustopt.plotting.style import LIMIT_COLOURS, OTHER, limit_colours, percent
+from robustopt.plotting.velocity_limit import maximum_velocity, maximum_x
+from robustopt.trajectory import NO_LIMIT, Trajectory, binding_shares
+
+
+class WavePath:
+    """Joint k moves as k-th sine with its own amplitude: q_k = A_k sin((k + 1) s + k)."""
+
+    def __init__(self, n):
+        self.k = np.arange(n)
+        self.amplitude = 1.0 / (1.0 + 0.4 * self.k)
+
+    def evaluate(self, s, piece, order=0):
+        rate = self.k + 1.0
+        angle = s[:, None] * rate + self.k + 0.4 * piece[:, None]
+        value = (np.sin(angle), np.cos(angle), -np.sin(angle))[order]
+        return self.amplitude * rate**order * value
+
+
+class Arm:
+    """Joints of inertia 1 under a torque of 5 N m, and a load that adds up to 2 N m either way."""
+
+    def __init__(self, n):
+        self.joint_names = tuple(f"joint{k + 1}" for k in range(n))
+        self.limits = SimpleNamespace(
+            lower=np.full(n, -2.0), upper=np.full(n, 3.0), velocity=np.full(n, 3.0), acceleration=np.full(n, 8.0),
+            torque=np.full(n, 20.0),
+        )  # fmt: skip
+
+
+class Problem:
+    """Joint velocity and acceleration limits along `WavePath`, with a stop half way."""
+
+    def __init__(self, n, intervals, error):
+        half = np.linspace(0.0, 0.5, intervals // 2 + 1)
+        self.s, self.piece = np.concatenate([half, 0.5 + half]), np.repeat([0, 1], half.size)
+        self.path, self.robot = WavePath(n), Arm(n)
+        self.q1, self.q2 = (self.path.evaluate(self.s, self.piece, order=order) for order in (1, 2))
+        self.a, self.b = np.hstack([self.q1, -self.q1]), np.hstack([self.q2, -self.q2])
+        self.c = np.full_like(self.a, -8.0)
+        self.row_names = tuple(f"joint{k + 1} acceleration" for k in range(n)) * 2
+        self.feasible = np.ones(self.s.size, dtype=bool)
+        self.config = SimpleNamespace(name="wave", uncertainty=SimpleNamespace(joint_acceleration=error))
+        x_max = np.min((3.0 / np.maximum(np.abs(self.q1), 1e-9)) ** 2, axis=1)
+        self.limits = SimpleNamespace(x_max=x_max, torque=self)
+
+    def torques(self, u, x):
+        return self.q1 * u[:, None] + self.q2 * x[:, None] + 5.0
+
+    def excess(self, u, x, points):
+        nominal = self.q1[points] * u[:, None] + self.q2[points] * x[:, None] + 5.0
+        return (np.hstack([nominal, -nominal]) + 2.0) / 20.0 - 1.0
+
+
+def fastest_plan(n=3, intervals=60, error=None):
+    """The run of `Problem` with the largest sum of x, and the limits that bind on it."""
+    problem = Problem(n, intervals, error)
+    a, b, c, s = problem.a, problem.b, problem.c, problem.s
+    x = _largest_x(s, a, b, c, problem.limits.x_max)
+    u = np.divide(np.diff(x), 2 * np.diff(s), out=np.zeros(s.size - 1), where=np.diff(s) > 0)
+    starts, ends = (a[k] * u[:, None] + b[k] * x[k, None] + c[k] for k in (slice(None, -1), slice(1, None)))
+    binds = np.maximum(starts, ends) > -1e-6
+    active = tuple(tuple(sorted({problem.row_names[k] for k in np.flatnonzero(row)})) for row in binds)
+    plan = SimpleNamespace(s=s, piece=problem.piece, x=x, u=u, active=active, message="", problem=problem)
+    plan.duration = Trajectory.from_plan(plan).duration
+    return plan
+
+
+def no_plan():
+    """A problem that has no solution for s from 0.2 to 0.3."""
+    plan = fastest_plan(2, 40)
+    plan.problem.feasible = (plan.s < 0.19) | (plan.s > 0.31)
+    plan.x, plan.u, plan.active, plan.duration = np.empty(0), np.empty(0), (), np.inf
+    return plan
+
+
+def _largest_x(s, a, b, c, x_max):
+    rows, bounds = [], []
+    for i in np.flatnonzero(np.diff(s) > 0):
+        for j in (i, i + 1):
+            block = np.zeros((a.shape[1], s.size))
+            block[:, i] -= a[j] / (2 * (s[i + 1] - s[i]))
+            block[:, i + 1] += a[j] / (2 * (s[i + 1] - s[i]))
+            block[:, j] += b[j]
+            rows.append(block)
+            bounds.append(-c[j])
+    rest = np.isin(np.arange(s.size), [0, s.size // 2 - 1, s.size // 2, s.size - 1])
+    limits = [(0, 0 if r else top) for r, top in zip(rest, x_max, strict=True)]
+    return linprog(-np.ones(s.size), np.vstack(rows), np.concatenate(bounds), bounds=limits).x
+
+
+def one_point(rows, x_max=np.inf):
+    """Largest x at one grid point with `rows` (a, b, c)."""
+    a, b, c = np.array(rows, dtype=float).reshape(-1, 3).T[:, None, :]
+    return maximum_x(a, b, c, np.array([x_max]))[0]
+
+
+# maximum-velocity curve, closed forms ---------------------------------------------------------------------------------
+
+
+def test_block_on_a_circle_slides_at_mu_g_r():
+    """|u| <= mu g and |x r| <= mu g on a circle of radius r: x = mu g / r."""
+    mu_g, r = 0.5 * 9.81, 0.8
+    rows = [(1, 0, -mu_g), (-1, 0, -mu_g), (0, r, -mu_g), (0, -r, -mu_g)]
+    assert one_point(rows) == pytest.approx(mu_g / r, rel=1e-14)
+
+
+def test_speed_ends_where_the_bounds_of_u_cross():
+    """u <= 3 - 2x and u >= x - 3 cross at x = 2."""
+    assert one_point([(1, 2, -3), (-1, 1, -3)]) == pytest.approx(2.0, rel=1e-14)
+
+
+def test_velocity_limit_holds_where_it_is_the_lower_one():
+    assert one_point([(1, 2, -3), (-1, 1, -3)], x_max=1.5) == 1.5
+
+
+def test_rows_that_bound_u_from_one_side_only_leave_the_speed_to_x_max():
+    assert one_point([(1, 2, -3), (2, 5, -3)], x_max=7.0) == 7.0
+    assert one_point([], x_max=7.0) == 7.0
+
+
+def test_unlimited_speed_is_infinite():
+    assert one_point([(1, 0, -3), (-1, 0, -3)]) == np.inf
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        [(1, 0, 3), (-1, 0, 3)],  # u <= -3 and u >= 3
+        [(1, 1, 3), (-1, 0, 0)],  # u <= -3 - x and u >= 0
+        [(0, 0, 1)],  # 1 <= 0
+        [(0, 1, 1)],  # x <= -1
+        [(0, -1, 9)],  # x >= 9 against x_max = 8
+    ],
+)
+def test_no_speed_is_nan(rows):
+    assert np.isnan(one_point(rows, x_max=8.0))
+
+
+def test_speed_without_standstill_is_found():
+    """u >= 1 - x and u <= -1 + x need x >= 1: the tray must move to hold the block."""
+    assert one_point([(-1, -1, 1), (1, -1, 1)], x_max=4.0) == 4.0
+    assert np.isnan(one_point([(-1, -1, 1), (1, -1, 1)], x_max=0.5))
+
+
+def test_velocity_is_the_root_of_x():
+    problem = SimpleNamespace(
+        a=np.zeros((3, 1)), b=np.ones((3, 1)), c=np.array([[-4.0], [1.0], [-4.0]]),
+        feasible=np.array([True, True, False]), limits=SimpleNamespace(x_max=np.full(3, 9.0)),
+    )  # fmt: skip
+    np.testing.assert_array_equal(maximum_velocity(problem), [2.0, np.nan, np.nan])
+
+
+# maximum-velocity curve, oracle ---------------------------------------------------------------------------------------
+
+
+def test_curve_agrees_with_a_linear_program_on_random_rows():
+    rng = np.random.default_rng(1)
+    a, b = rng.normal(size=(60, 12)), rng.normal(size=(60, 12))
+    a[rng.random(a.shape) < 0.2] = 0.0
+    b[rng.random(b.shape) < 0.2] = 0.0
+    c = -rng.random((60, 12)) + 0.3 * (rng.random((60, 1)) < 0.3)
+    x_max = rng.uniform(0.1, 5.0, size=60)
+    found = maximum_x(a, b, c, x_max)
+    expected = np.full(60, np.nan)
+    for k in range(60):
+        result = linprog([0, -1], np.stack([a[k], b[k]], axis=1), -c[k], bounds=[(None, None), (0, x_max[k])])
+        assert result.status in (0, 2)
+        expected[k] = result.x[1] if result.status == 0 else np.nan
+    assert 5 < np.isnan(expected).sum() < 55
+    np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-9)
+
+
+# what the figures show ------------------------------------------------------------------------------------------------
+
+
+def test_plan_stays_below_the_curve():
+    plan = fastest_plan()
+    assert np.all(np.sqrt(plan.x) <= maximum_velocity(plan.problem) * (1 + 1e-9))
+
+
+def test_phase_plane_shows_curve_profile_and_limits():
+    plan = fastest_plan()
+    shares = binding_shares(plan)
+    figure = phase_plane(plan, "wave")
+    plane, strip = figure.axes
+    (curve,) = plane.get_lines()
+    np.testing.assert_array_equal(curve.get_ydata(), maximum_velocity(plan.problem))
+    (profile,) = (item for item in plane.collections if isinstance(item, LineCollection))
+    ends = np.array([segment[-1] for segment in profile.get_segments()])
+    np.testing.assert_allclose(ends, np.stack([plan.s[1:], np.sqrt(plan.x[1:])], axis=1), atol=1e-12)
+    assert plane.get_ylim()[1] > np.sqrt(plan.x.max())
+    labels = [label.get_text() for label in strip.get_yticklabels()]
+    assert labels == [f"{name}, {percent(share)}" for name, share in shares.items()]
+
+
+def test_profile_has_the_colour_of_the_limit_with_the_largest_share():
+    plan = fastest_plan(1, 12)
+    names = ("first", "second")
+    plan.active = (("first",),) * 8 + (("second", "first"),) * 2 + (("second",),) * 2 + ((),)
+    colours = limit_colours(binding_shares(plan))
+    (profile,) = (c for c in phase_plane(plan, "").axes[0].collections if isinstance(c, LineCollection))
+    drawn = [to_hex(colour) for colour in profile.get_colors()]
+    assert drawn == [colours["first"]] * 10 + [colours["second"]] * 2 + [colours[NO_LIMIT]]
+    assert len({colours[name] for name in (*names, NO_LIMIT, OTHER)}) == 4
+
+
+def test_rare_limits_share_one_colour_and_one_strip():
+    plan = fastest_plan(1, 24)
+    plan.active = tuple((f"limit {k % 11:02d}",) for k in range(len(plan.u)))
+    shares = binding_shares(plan)
+    assert len(set(limit_colours(shares).values())) == len(LIMIT_COLOURS) + 2
+    labels = [label.get_text() for label in phase_plane(plan, "").axes[1].get_yticklabels()]
+    others = sum(list(shares.values())[len(LIMIT_COLOURS) :])
+    assert len(labels) == len(LIMIT_COLOURS) + 1
+    assert labels[-1] == f"{OTHER}, {percent(others)}"
+
+
+def test_phase_plane_of_no_plan_shows_where_no_speed_is_admissible():
+    plan = no_plan()
+    (plane,) = phase_plane(plan, "").axes
+    labels = [text.get_text() for text in plane.get_legend().get_texts()]
+    assert labels == ["maximum velocity", "no speed is admissible"]
+    area = plane.collections[-1].get_paths()[0].get_extents()
+    assert (area.x0, area.x1) == pytest.approx((0.175, 0.325))
+
+
+def test_joint_quantities_are_the_trajectory_just_inside_each_interval():
+    plan = fastest_plan()
+    trajectory = Trajectory.from_plan(plan)
+    times, (position, velocity, acceleration, torque) = joint_quantities(plan)
+    inside = times + np.tile([1e-9, -1e-9], times.size // 2)
+    samples = trajectory.sample(inside)
+    np.testing.assert_allclose(position.value, samples.q, atol=1e-7)
+    np.testing.assert_allclose(velocity.value, samples.qd, atol=1e-6)
+    np.testing.assert_allclose(acceleration.value, samples.qdd, atol=1e-5)
+    np.testing.assert_allclose(torque.value, samples.qdd + 5.0, atol=1e-5)
+    assert np.abs(acceleration.value).max() == pytest.approx(8.0, rel=1e-6)
+
+
+def test_robust_limits_are_shrunk_by_what_is_uncertain():
+    plan = fastest_plan(error=AccelerationError(mean=0.5, deviation=1.0, K=2.0))
+    _, (position, _, acceleration, torque) = joint_quantities(plan)
+    assert position.shrunk_limits(0) == []
+    lower, upper = acceleration.shrunk_limits(1)
+    np.testing.assert_allclose([lower[0], upper[0]], [-8 - 0.5 + 2, 8 - 0.5 - 2])
+    np.testing.assert_allclose(
+        torque.shrunk_limits(2), np.stack([np.full(lower.size, -18.0), np.full(lower.size, 18.0)])
+    )
+
+
+def test_no_robust_limit_is_drawn_where_nothing_is_uncertain():
+    _, quantities = joint_quantities(fastest_plan())
+    assert quantities[2].shrunk_limits(0) == []
+
+
+def test_binding_parts_of_a_joint_are_marked():
+    plan = fastest_plan()
+    figure = joint_figures(plan, "wave")[0]
+    accelerations = figure.axes[6:9]
+    for joint, axes in enumerate(accelerations):
+        binding = sum(f"joint{joint + 1} acceleration" in active for active in plan.active)
+        (marked,) = axes.collections
+        assert len(marked.get_segments()) == binding
+    assert sum(len(axes.collections[0].get_segments()) for axes in accelerations) > 50
+
+
+def test_many_joints_take_several_figures():
+    figures = joint_figures(fastest_plan(9, 20), "wave")
+    assert [len(figure.axes) for figure in figures] == [28, 8]
+
+
+def test_bars_have_the_length_of_the_shares():
+    shares = {"slip of a on tray": 0.6, NO_LIMIT: 0.395, "joint1 velocity": 0.005}
+    (axes,) = shares_figure(shares, "").axes
+    assert [bar.get_width() for bar in axes.patches] == list(shares.values())
+    assert [label.get_text() for label in axes.get_yticklabels()] == list(shares)
+    assert [text.get_text() for text in axes.texts] == ["60 %", "40 %", "under 1 %"]
+
+
+def test_bars_beyond_the_twelfth_are_one():
+    shares = {f"limit {k}": 1 / 20 for k in range(20)}
+    (axes,) = shares_figure(shares, "").axes
+    assert [label.get_text() for label in axes.get_yticklabels()][-1] == "8 more"
+    assert sum(bar.get_width() for bar in axes.patches) == pytest.approx(1.0)
+
+
+def test_contacts_figure_shows_an_exceeded_limit():
+    t = np.linspace(0, 1, 5)
+    figure = contacts_figure({"a on tray": Utilisation(t, t, 2 * t), "b on a": Utilisation(t, t, t)}, "")
+    first, second = figure.axes
+    assert first.get_ylim()[1] > 2.0
+    assert [axes.get_title(loc="left") or axes.get_title() for axes in (first, second)] == ["a on tray", "b on a"]
+    np.testing.assert_array_equal(first.get_lines()[2].get_ydata(), 2 * t)
+
+
+# files ----------------------------------------------------------------------------------------------------------------
+
+
+def utilisation_of(plan):
+    t = Trajectory.from_plan(plan).times
+    return {"box on tray": Utilisation(t, t / t[-1], 0.5 * t / t[-1])}
+
+
+def test_same_run_gives_the_same_files(tmp_path):
+    plan = fastest_plan(2, 20)
+    names = ["binding", "contacts", "joints", "phase_plane"]
+    first, second = (
+        write_figures(plan, plan.problem.config, tmp_path / folder, utilisation_of(plan)) for folder in ("a", "b")
+    )
+    assert sorted(path.name for path in first) == sorted(
+        f"{name}.{suffix}" for name in names for suffix in ("svg", "png")
+    )
+    for a, b in zip(first, second, strict=True):
+        assert a.read_bytes() == b.read_bytes()
+        assert a.read_bytes()[:4] == (b"\x89PNG" if a.suffix == ".png" else b"<?xm")
+    assert "<dc:date>" not in (tmp_path / "a" / "phase_plane.svg").read_text()
+
+
+def test_no_plan_has_a_phase_plane_only(tmp_path):
+    plan = no_plan()
+    paths = write_figures(plan, plan.problem.config, tmp_path)
+    assert [path.name for path in paths] == ["phase_plane.svg", "phase_plane.png"]
+
+
+def test_users_settings_neither_matter_nor_change():
+    with matplotlib.rc_context({"font.size": 31.0}):
+        with house_style():
+            assert matplotlib.rcParams["font.size"] == 9
+            assert matplotlib.rcParams["lines.dashed_pattern"] == matplotlib.rcParamsDefault["lines.dashed_pattern"]
+        assert matplotlib.rcParams["font.size"] == 31.0
+
+
+def test_plotting_leaves_pyplot_alone():
+    code = "import sys, robustopt.plotting; sys.exit('matplotlib.pyplot' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code]).returncode == 0
