@@ -1,14 +1,24 @@
-"""The configuration: models, and (below) what reads, changes and writes them."""
+"""The configuration: read from YAML, change, and write back."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
 from robustopt.config_model import (
     AccelerationError,
     Collision,
     Config,
     ContactConfig,
+    ControllerConfig,
+    DisturbanceConfig,
+    ExecutionConfig,
     JointLimitOverride,
+    LearnedParameter,
+    LearningConfig,
     ObjectConfig,
+    OutputConfig,
     PathConfig,
     PathTolerance,
     Pose,
@@ -16,16 +26,25 @@ from robustopt.config_model import (
     SolverConfig,
     TrayConfig,
     TrayPose,
+    TruthConfig,
     UncertaintyConfig,
 )
+from robustopt.config_validate import validate
+from robustopt.config_yaml import Document, read_yaml, split_key, write_yaml
 
 __all__ = [
     "AccelerationError",
     "Collision",
     "Config",
     "ContactConfig",
+    "ControllerConfig",
+    "DisturbanceConfig",
+    "ExecutionConfig",
     "JointLimitOverride",
+    "LearnedParameter",
+    "LearningConfig",
     "ObjectConfig",
+    "OutputConfig",
     "PathConfig",
     "PathTolerance",
     "Pose",
@@ -33,5 +52,61 @@ __all__ = [
     "SolverConfig",
     "TrayConfig",
     "TrayPose",
+    "TruthConfig",
     "UncertaintyConfig",
+    "dump",
+    "load_config",
+    "with_values",
 ]
+
+
+def load_config(path: str | Path, overrides: Sequence[str] = ()) -> Config:
+    """The configuration in a YAML file, with `key=value` overrides on top, the value in YAML.
+
+    Keys are joined by dots, entries of lists are numbered from 0: `path.tray_poses.0.yaw=0.3`, `uncertainty={}`.
+    Raises ConfigError with every mistake of the file and the overrides: where, what was found, what would be right.
+    """
+    document = read_yaml(Path(path))
+    if isinstance(document.data, dict) or document.data is None:
+        for override in overrides:
+            document.override(override)
+    return validate(document, Path(path).absolute().parent)
+
+
+def with_values(config: Config, values: Mapping[str, Any]) -> Config:
+    """A copy with other values at dotted keys, such as {"contact.friction": 0.3}, checked as `load_config` does."""
+    document = Document(data=_plain(config.model_dump(exclude_none=True)))
+    for key, value in values.items():
+        document.assign(split_key(key), Document(data=_plain(value)), f"{key}={value}")
+    return validate(document, config.folder)
+
+
+def dump(config: Config) -> str:
+    """YAML that `load_config` reads as an equal configuration, wherever the file is put.
+
+    Every key with its value, defaults included; file names are absolute; floats read back exactly.
+    """
+    data = _plain(config.model_dump(exclude_none=True))
+    if _is_file_name(config.robot.model):
+        data["robot"]["model"] = _absolute(config, config.robot.model)
+    if isinstance(config.path.joints, str):
+        data["path"]["joints"] = _absolute(config, config.path.joints)
+    return write_yaml(data)
+
+
+def _is_file_name(model: str) -> bool:
+    """Whether a robot is a file; the names of shipped robots have no ending and no folder."""
+    return Path(model).suffix != "" or Path(model).name != model
+
+
+def _absolute(config: Config, name: str) -> str:
+    return str((config.folder / Path(name).expanduser()).absolute())
+
+
+def _plain(value: Any) -> Any:
+    """Tuples and arrays as lists, so that parts of them can be assigned and written."""
+    if isinstance(value, dict):
+        return {key: _plain(inner) for key, inner in value.items()}
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    return [_plain(inner) for inner in value] if isinstance(value, (list, tuple)) else value

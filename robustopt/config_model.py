@@ -1,195 +1,320 @@
-"""Configuration: a YAML file becomes one frozen, validated `Config`.
+"""Models of the configuration: what each key means, its unit, default and bounds.
 
-Units are SI, angles are radians. Every field carries its unit, default and meaning in its description; the
-reference page and the JSON Schema are generated from them.
+Units are SI, angles are radians. The reference page and the JSON Schema are generated from the descriptions here;
+what relates several keys to each other is in `config_check`.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, FiniteFloat, model_validator
 
 Real = FiniteFloat
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 NonNegative = Annotated[FiniteFloat, Field(ge=0)]
 Vector2 = tuple[Real, Real]
 Vector3 = tuple[Real, Real, Real]
+Vector4 = tuple[Real, Real, Real, Real]
+Vector6 = tuple[Real, Real, Real, Real, Real, Real]
 Interval = tuple[Real, Real]
 
 
 class Section(BaseModel):
-    """A part of the configuration: immutable, unknown keys are errors."""
+    """A part of the configuration: immutable, unknown keys are errors, an empty section is all defaults."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
+    @model_validator(mode="before")
+    @classmethod
+    def _empty_section(cls, data: Any) -> Any:
+        return {} if data is None else data
+
 
 class Pose(Section):
-    position: Vector3 = Field((0.0, 0.0, 0.0), description="position [m]")
-    rpy: Vector3 = Field((0.0, 0.0, 0.0), description="roll, pitch, yaw about the fixed x, y, z axes [rad]")
+    position: Vector3 = Field(default=(0.0, 0.0, 0.0), description="position [m]")
+    rpy: Vector3 = Field(default=(0.0, 0.0, 0.0), description="roll, pitch, yaw about the fixed x, y, z axes [rad]")
 
 
 class JointLimitOverride(Section):
-    position: Interval | None = Field(None, description="lowest and highest joint position [rad or m]")
-    velocity: Positive | None = Field(None, description="largest joint speed [rad/s or m/s]")
-    acceleration: Positive | None = Field(None, description="largest joint acceleration [rad/s^2 or m/s^2]")
-    torque: Positive | None = Field(None, description="largest joint torque or force [N m or N]")
-    dry_friction: NonNegative | None = Field(None, description="Coulomb friction of the joint [N m or N]")
-    viscous_friction: NonNegative | None = Field(None, description="viscous friction of the joint [N m s/rad or N s/m]")
+    position: Interval | None = Field(default=None, description="lowest and highest joint position [rad or m]")
+    velocity: Positive | None = Field(default=None, description="largest joint speed [rad/s or m/s]")
+    acceleration: Positive | None = Field(default=None, description="largest joint acceleration [rad/s^2 or m/s^2]")
+    torque: Positive | None = Field(default=None, description="largest joint torque or force [N m or N]")
+    dry_friction: NonNegative | None = Field(default=None, description="Coulomb friction of the joint [N m or N]")
+    viscous_friction: NonNegative | None = Field(
+        default=None, description="viscous friction of the joint [N m s/rad or N s/m]"
+    )
 
 
 class Collision(Section):
-    check: bool = Field(True, description="check the path for collisions of the arm, the tray and the objects")
-    exclude: tuple[tuple[str, str], ...] = Field((), description="pairs of body names whose collisions are ignored")
+    check: bool = Field(default=True, description="check the path for collisions of the arm, the tray and the objects")
+    exclude: tuple[tuple[str, str], ...] = Field(
+        default=(), description="pairs of body names whose collisions are ignored"
+    )
 
 
 class RobotConfig(Section):
     model: str = Field(
-        description="name of a shipped robot (tx90l), or an MJCF or URDF file relative to the config file"
+        description="name of a shipped robot (tx90l), or an MJCF or URDF file relative to the configuration file"
     )
-    tool: str = Field("flange", description="site or body of the model that carries the tray")
-    base: Pose = Field(Pose(), description="pose of the robot's base in the world")
+    tool: str = Field(default="flange", description="site or body of the model that carries the tray")
+    base: Pose = Field(default=Pose(), description="pose of the robot's base in the world")
     limits: dict[str, JointLimitOverride] = Field(
-        {}, description="joint limits by joint name, over those of the model; the name `all` applies to every joint"
+        default={},
+        description="joint limits by joint name, over those of the model; the name `all` applies to every joint",
     )
-    locked: dict[str, Real] = Field({}, description="joints that are held at a fixed position, by name [rad or m]")
-    joint_friction: bool = Field(True, description="count dry and viscous joint friction in the torque limits")
-    collision: Collision = Field(Collision(), description="collision check along the path")
+    locked: dict[str, Real] = Field(
+        default={}, description="joints that are held at a fixed position, by name [rad or m]"
+    )
+    joint_friction: bool = Field(default=True, description="count dry and viscous joint friction in the torque limits")
+    collision: Collision = Field(default=Collision(), description="collision check along the path")
 
 
 class TrayConfig(Section):
     size: tuple[Positive, Positive, Positive] = Field(description="edge lengths of the tray, a box [m]")
     mass: Positive = Field(description="mass of the tray [kg]")
-    pose: Pose = Field(Pose(), description="pose of the tray's centre in the tool frame")
+    pose: Pose = Field(default=Pose(), description="pose of the tray's centre in the tool frame")
     center_of_mass: Vector3 = Field(
-        (0.0, 0.0, 0.0), description="centre of mass in the tray frame, whose origin is the tray's centre [m]"
+        default=(0.0, 0.0, 0.0),
+        description="centre of mass in the tray frame, whose origin is the tray's centre [m]",
     )
-    inertia: tuple[Real, Real, Real] | tuple[Real, Real, Real, Real, Real, Real] | None = Field(
-        None,
-        description="inertia about the centre of mass, tray axes: ixx, iyy, izz[, ixy, ixz, iyz] [kg m^2]; default: of a uniform box",
+    inertia: Vector3 | Vector6 | None = Field(
+        default=None,
+        description="inertia about the centre of mass, tray axes: ixx, iyy, izz, or ixx, iyy, izz, ixy, ixz, iyz; "
+        "without it that of a uniform box [kg m^2]",
     )
 
 
 class ObjectConfig(Section):
-    shape: Literal["box", "cylinder"] = Field(description="box or upright cylinder")
-    size: tuple[Positive, Positive, Positive] | None = Field(None, description="edge lengths of a box [m]")
-    radius: Positive | None = Field(None, description="radius of a cylinder [m]")
-    height: Positive | None = Field(None, description="height of a cylinder [m]")
+    shape: Literal["box", "cylinder"] = Field(description="shape; a cylinder stands upright")
+    size: tuple[Positive, Positive, Positive] | None = Field(default=None, description="edge lengths of a box [m]")
+    radius: Positive | None = Field(default=None, description="radius of a cylinder [m]")
+    height: Positive | None = Field(default=None, description="height of a cylinder [m]")
     mass: Positive = Field(description="mass [kg]")
     on: str | tuple[str, str] = Field(
-        "tray", description="what the object stands on: `tray`, another object, or two of them (a bridge)"
+        default="tray", description="what the object stands on: `tray`, another object, or two of them (a bridge)"
     )
     at: Vector2 = Field(
-        (0.0, 0.0),
+        default=(0.0, 0.0),
         description="centre of the object's base in the frame of its support; for a bridge in the tray frame [m]",
     )
     yaw: Real = Field(
-        0.0, description="turn about the vertical against its support; for a bridge against the tray [rad]"
+        default=0.0, description="turn about the vertical against its support; for a bridge against the tray [rad]"
     )
     center_of_mass: Vector3 = Field(
-        (0.0, 0.0, 0.0), description="centre of mass in the object's frame, whose origin is its geometric centre [m]"
+        default=(0.0, 0.0, 0.0),
+        description="centre of mass in the object's frame, whose origin is its geometric centre [m]",
     )
-    inertia: tuple[Real, Real, Real] | tuple[Real, Real, Real, Real, Real, Real] | None = Field(
-        None,
-        description="inertia about the centre of mass, object axes: ixx, iyy, izz[, ixy, ixz, iyz] [kg m^2]; default: of a uniform body of its shape",
+    inertia: Vector3 | Vector6 | None = Field(
+        default=None,
+        description="inertia about the centre of mass, object axes: ixx, iyy, izz, or ixx, iyy, izz, ixy, ixz, iyz; "
+        "without it that of a uniform body of the shape [kg m^2]",
     )
 
 
 class ContactConfig(Section):
     friction: Positive | dict[str, Positive] = Field(
-        0.5,
-        description="coefficient of friction the planner believes: one value, or one per object for the interface under it (`default` for the rest)",
+        default=0.5,
+        description="coefficient of friction the planner believes: one value, or one per object for the interface "
+        "under it (`default` for the rest); where it is not given and uncertainty.friction is, the middle of that",
     )
-    cone_edges: int = Field(16, ge=3, le=64, description="edges of the inner approximation of each friction cone")
-    patch_points: int = Field(8, ge=3, le=32, description="contact points that stand for a round contact patch")
+    cone_edges: int = Field(
+        default=16, ge=3, le=64, description="edges of the inner approximation of each friction cone"
+    )
+    patch_points: int = Field(default=8, ge=3, le=32, description="contact points that stand for a round contact patch")
 
 
 class TrayPose(Section):
     position: Vector3 = Field(description="position of the tray's centre in the world [m]")
-    rpy: Vector3 | None = Field(None, description="roll, pitch, yaw about the fixed x, y, z axes [rad]")
-    yaw: Real | None = Field(None, description="turn about the vertical, for a level tray [rad]")
-    quaternion: tuple[Real, Real, Real, Real] | None = Field(None, description="orientation w, x, y, z")
+    rpy: Vector3 | None = Field(default=None, description="roll, pitch, yaw about the fixed x, y, z axes [rad]")
+    yaw: Real | None = Field(default=None, description="turn about the vertical, for a level tray [rad]")
+    quaternion: Vector4 | None = Field(default=None, description="orientation w, x, y, z, of any length but 0")
 
 
 class PathTolerance(Section):
-    position: Positive = Field(0.0002, description="largest distance between the joint path and the tray path [m]")
-    angle: Positive = Field(0.001, description="largest angle between the joint path and the tray path [rad]")
+    position: Positive = Field(
+        default=0.0002, description="largest distance between the joint path and the tray path [m]"
+    )
+    angle: Positive = Field(default=0.001, description="largest angle between the joint path and the tray path [rad]")
 
 
 class PathConfig(Section):
-    tray_poses: tuple[TrayPose, ...] | None = Field(None, description="poses of the tray, joined by straight segments")
+    tray_poses: tuple[TrayPose, ...] | None = Field(
+        default=None, description="poses of the tray, joined by straight segments"
+    )
     joints: tuple[tuple[Real, ...], ...] | str | None = Field(
-        None,
-        description="joint waypoints [rad], or a CSV file of them relative to the config file; joined by a C2 cubic spline",
+        default=None,
+        description="joint waypoints, or a CSV file of them relative to the configuration file; "
+        "joined by a C2 cubic spline [rad or m]",
     )
     blend: NonNegative = Field(
-        0.0, description="length on each side of a corner of tray_poses that is rounded [m]; 0 stops there"
+        default=0.0, description="length on each side of a corner of tray_poses that is rounded; 0 stops there [m]"
     )
     tolerance: PathTolerance = Field(
-        PathTolerance(), description="accuracy of the inverse kinematics between the samples of the tray path"
+        default=PathTolerance(),
+        description="accuracy of the inverse kinematics between the samples of the tray path",
     )
     start: tuple[Real, ...] | None = Field(
-        None, description="joint position near which the inverse kinematics starts [rad]; default: the best of many"
+        default=None,
+        description="joint position near which the inverse kinematics starts; without it the best of many [rad or m]",
     )
 
 
 class AccelerationError(Section):
     mean: Real | tuple[Real, ...] = Field(
-        0.0,
+        default=0.0,
         description="mean U of the executed minus the planned joint acceleration, one value or one per joint [rad/s^2]",
     )
     deviation: NonNegative | tuple[NonNegative, ...] = Field(
-        0.0, description="standard deviation D, one value or one per joint [rad/s^2]"
+        default=0.0, description="standard deviation D of it, one value or one per joint [rad/s^2]"
     )
-    K: NonNegative = Field(1.0, description="the plan survives every error in [U - K D, U + K D]")
+    K: NonNegative = Field(default=1.0, description="the plan survives every error in [U - K D, U + K D]")
 
 
 class UncertaintyConfig(Section):
     friction: Interval | dict[str, Interval] | None = Field(
-        None,
-        description="interval of the coefficient of friction, one for all or one per object for the interface under it",
+        default=None,
+        description="interval of the coefficient of friction, one for all or one per object for the interface "
+        "under it (`default` for the rest)",
     )
     contact_points: NonNegative | dict[str, NonNegative] | None = Field(
-        None,
-        description="each contact point may lie this far from its place along x and along y, one value for all or one per object for the interface under it [m]",
+        default=None,
+        description="each contact point may lie this far from its place along x and along y, one value for all or "
+        "one per object for the interface under it (`default` for the rest) [m]",
     )
     center_of_mass: dict[str, tuple[NonNegative, NonNegative, NonNegative]] = Field(
-        {},
-        description="largest distance of the centre of mass from its place along x, y, z of the object's (or the tray's) frame, by name [m]",
+        default={},
+        description="largest distance of the centre of mass from its place along x, y, z of the object's (or the "
+        "tray's) frame, by object name or `tray` [m]",
     )
     mass: dict[str, Interval] = Field(
-        {}, description="interval of the mass by object name or `tray` [kg]; inertia scales with it"
+        default={},
+        description="interval of the mass, which scales the inertia, by object name or `tray` [kg]",
     )
-    joint_acceleration: AccelerationError | None = Field(None, description="error of the executed joint acceleration")
+    joint_acceleration: AccelerationError | None = Field(
+        default=None, description="error of the executed joint acceleration"
+    )
 
 
 class SolverConfig(Section):
     method: Literal["ipopt", "reachability"] = Field(
-        "ipopt",
+        default="ipopt",
         description="ipopt: outer nonlinear program with inner contact programs; reachability: minimum time only, fast",
     )
     collocation_points: int = Field(
-        200, ge=10, le=100_000, description="number N of intervals of the grid along the path"
+        default=200, ge=10, le=100_000, description="number N of intervals of the grid along the path"
     )
     cost: Literal["time", "effort", "smoothness"] = Field(
-        "time",
-        description="time; or time plus weight times the integral of the squared relative torque (effort) or acceleration (smoothness)",
+        default="time",
+        description="time; or time plus `weight` times the integral of the squared relative torque (effort) or "
+        "acceleration (smoothness)",
     )
-    weight: NonNegative = Field(0.0, description="weight of the effort or smoothness term")
+    weight: NonNegative = Field(default=0.0, description="weight of the effort or smoothness term")
+
+
+class OutputConfig(Section):
+    period: Positive = Field(
+        default=0.004, description="controller period at which the trajectory is sampled for export [s]"
+    )
+
+
+class TruthConfig(Section):
+    friction: Positive | dict[str, Positive] = Field(
+        default=0.5,
+        description="true coefficient of friction, one value, or one per object for the interface under it "
+        "(`default` for the rest)",
+    )
+
+
+class ControllerConfig(Section):
+    kp: NonNegative | tuple[NonNegative, ...] | None = Field(
+        default=None, description="proportional gain, one value or one per joint [N m/rad or N/m]"
+    )
+    ki: NonNegative | tuple[NonNegative, ...] | None = Field(
+        default=None, description="integral gain, one value or one per joint [N m/(rad s) or N/(m s)]"
+    )
+    kd: NonNegative | tuple[NonNegative, ...] | None = Field(
+        default=None, description="derivative gain, one value or one per joint [N m s/rad or N s/m]"
+    )
+    feedforward: Literal["gravity", "computed_torque"] = Field(
+        default="gravity", description="torque that is added to that of the gains"
+    )
+
+
+class DisturbanceConfig(Section):
+    force_deviation: tuple[NonNegative, NonNegative, NonNegative] = Field(
+        default=(0.0, 0.0, 0.0), description="standard deviation of a random force along the world's x, y, z [N]"
+    )
+    on: str = Field(default="tray", description="what the force acts on: `tray` or an object")
+    hold: Positive = Field(default=0.001, description="time for which a drawn force is held [s]")
+
+
+class ExecutionConfig(Section):
+    truth: TruthConfig = Field(
+        default=TruthConfig(), description="what the simulated world really is; the planner never reads it"
+    )
+    timestep: Positive = Field(default=0.001, description="time step of the simulation [s]")
+    controller: ControllerConfig = Field(
+        default=ControllerConfig(), description="joint controller; without gains those of the robot"
+    )
+    disturbance: DisturbanceConfig = Field(default=DisturbanceConfig(), description="random force during the execution")
+    trials: int = Field(default=100, ge=1, le=1_000_000, description="number of Monte Carlo trials")
+
+
+class LearnedParameter(Section):
+    key: str = Field(description="key of a numeric belief of the configuration, such as contact.friction.upper")
+    optimistic: Real = Field(description="value for which plans are fastest")
+    conservative: Real = Field(description="value for which plans are slowest")
+
+
+class LearningConfig(Section):
+    algorithm: Literal[
+        "bisection",
+        "acceleration_interval",
+        "ilrobs",
+        "ilrobs-calibrated",
+        "bnb-midpoint",
+        "bnb-diagonal",
+        "bnb-informed",
+    ] = Field(default="ilrobs", description="learner")
+    K: NonNegative = Field(default=1.0, description="width of the acceleration interval in standard deviations")
+    delta: Positive = Field(default=0.05, description="interval of the friction at which bisection stops")
+    epsilon: Positive = Field(default=0.05, description="relative speed-up of the test for near-optimality")
+    friction: tuple[NonNegative, NonNegative] = Field(
+        default=(0.0, 1.0), description="interval of the coefficient of friction that is searched"
+    )
+    parameters: tuple[LearnedParameter, ...] = Field(
+        default=(), description="parameters that the branch-and-bound learners search"
+    )
+
+
+def _empty_mapping(data: Any) -> Any:
+    return {} if data is None else data
 
 
 class Config(Section):
     name: str = Field(description="name of the task; the results folder takes it")
-    robot: RobotConfig
-    tray: TrayConfig
-    objects: dict[str, ObjectConfig] = Field({}, description="the objects on the tray, by name")
-    contact: ContactConfig = ContactConfig()
-    path: PathConfig
-    uncertainty: UncertaintyConfig = UncertaintyConfig()
-    solver: SolverConfig = SolverConfig()
-    gravity: Vector3 = Field((0.0, 0.0, -9.81), description="gravity in the world [m/s^2]")
-    seed: int = Field(0, ge=0, description="seed of every random number of the run")
+    robot: RobotConfig = Field(description="the robot")
+    tray: TrayConfig = Field(description="the tray that the robot carries")
+    objects: Annotated[dict[str, ObjectConfig], BeforeValidator(_empty_mapping)] = Field(
+        default={}, description="the objects on the tray, by name"
+    )
+    contact: ContactConfig = Field(default=ContactConfig(), description="contacts between tray and objects")
+    path: PathConfig = Field(description="the path: exactly one of tray_poses and joints")
+    uncertainty: UncertaintyConfig = Field(
+        default=UncertaintyConfig(),
+        description="intervals that the plan must survive; one replaces the point value, which must lie in it",
+    )
+    solver: SolverConfig = Field(default=SolverConfig(), description="the solver")
+    output: OutputConfig = Field(default=OutputConfig(), description="what is written")
+    execution: ExecutionConfig | None = Field(
+        default=None, description="execution in simulation; checked, but not read by `plan`"
+    )
+    learning: LearningConfig | None = Field(default=None, description="learning; checked, but not read by `plan`")
+    gravity: Vector3 = Field(default=(0.0, 0.0, -9.81), description="gravity in the world [m/s^2]")
+    seed: int = Field(default=0, ge=0, description="seed of every random number of the run")
     folder: Path = Field(
-        Path("."), exclude=True, description="folder that relative file names in the configuration refer to"
+        default=Path("."), exclude=True, description="folder that relative file names in the configuration refer to"
     )

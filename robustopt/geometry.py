@@ -122,7 +122,7 @@ def _cut(polygon: Array, normal: Array, offset: Array) -> Array:
 
 def _without_repetitions(polygon: Array) -> Array:
     step = np.linalg.norm(polygon - np.roll(polygon, 1, axis=0), axis=1)
-    return polygon[step > RESOLUTION]
+    return np.asarray(polygon[step > RESOLUTION])
 
 
 # Where the objects stand ----------------------------------------------------------------------------------

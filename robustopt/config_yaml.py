@@ -1,0 +1,282 @@
+"""YAML with the place of every value, and `key=value` overrides on top of it.
+
+Only what a configuration needs of YAML: mappings with plain keys, lists, text, numbers, true, false and null.
+Unlike YAML 1.1, `on` and `yes` are text and `1e-3` is a number.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import yaml
+from yaml.composer import Composer
+from yaml.parser import Parser
+from yaml.reader import Reader, ReaderError
+from yaml.resolver import BaseResolver
+from yaml.scanner import Scanner
+
+from robustopt.errors import ConfigError, ConfigProblem
+
+Key = tuple[str | int, ...]
+"""Path to a value: names of keys and positions in lists."""
+
+MOST_VALUES = 1_000_000
+"""A document with more values is refused: aliases of aliases can make a small file grow without bound."""
+
+_TAG = "tag:yaml.org,2002:"
+
+
+class _Loader(Reader, Scanner, Parser, Composer, BaseResolver):
+    """Composes nodes; knows only the plain scalars below."""
+
+    def __init__(self, text: str) -> None:
+        Reader.__init__(self, text)
+        Scanner.__init__(self)
+        Parser.__init__(self)
+        Composer.__init__(self)
+        BaseResolver.__init__(self)
+
+
+_SIGN_OR_DIGIT = list("-+.0123456789")
+for _name, _pattern, _first in (
+    ("null", r"~|null|Null|NULL|", ["~", "n", "N", ""]),
+    ("bool", r"true|True|TRUE|false|False|FALSE", list("tTfF")),
+    ("int", r"[-+]?[0-9]+", _SIGN_OR_DIGIT),
+    ("float", r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?", _SIGN_OR_DIGIT),
+    ("float", r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)", _SIGN_OR_DIGIT),
+):
+    _Loader.add_implicit_resolver(_TAG + _name, re.compile(rf"^(?:{_pattern})$"), _first)
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes what `_Loader` reads: quotes only text that would be read as something else."""
+
+    yaml_implicit_resolvers = _Loader.yaml_implicit_resolvers
+
+
+def write_yaml(data: Any) -> str:
+    """YAML text of plain values; every float is written so that it reads back exactly."""
+    return yaml.dump(data, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=110, allow_unicode=True)
+
+
+def show_key(key: Key) -> str:
+    """A key path as it is written in messages and overrides, e.g. path.tray_poses[0].yaw."""
+    parts = [f"[{part}]" if isinstance(part, int) else f".{part}" for part in key]
+    return "".join(parts).removeprefix(".")
+
+
+def join_keys(outer: str, inner: str) -> str:
+    """One key path below another."""
+    return f"{outer}{'' if not inner or inner.startswith('[') else '.'}{inner}"
+
+
+def split_key(text: str) -> Key:
+    """The key path in a text such as path.tray_poses.0.yaw or path.tray_poses[0].yaw."""
+    parts = re.sub(r"\[(\d+)\]", r".\1", text.strip()).split(".")
+    return tuple(int(part) if part.isdigit() else part for part in parts)
+
+
+@dataclass
+class Document:
+    """Plain values of a configuration, where each stands, and what is wrong with how it is written."""
+
+    data: Any = None
+    locations: dict[Key, str] = field(default_factory=dict)
+    problems: list[ConfigProblem] = field(default_factory=list)
+
+    def locate(self, key: Key) -> str:
+        """Location of a value, or of the nearest section around it that is written somewhere."""
+        return self.locations.get(self._written(key), "")
+
+    def position(self, key: Key) -> int:
+        """Place of a value in the order in which the document is read."""
+        order = {written: i for i, written in enumerate(self.locations)}
+        return order.get(self._written(key), -1)
+
+    def problem(self, key: Key, message: str) -> ConfigProblem:
+        return ConfigProblem(key=show_key(key), message=message, location=self.locate(key))
+
+    def _written(self, key: Key) -> Key:
+        while key and key not in self.locations:
+            key = key[:-1]
+        return key
+
+    def override(self, text: str) -> None:
+        """Apply one `key=value`; what cannot be applied is added to `problems`."""
+        location = f"override '{text}'"
+        key_text, equals, value_text = text.partition("=")
+        if not equals or not key_text.strip():
+            message = "found no key=value; expected for example solver.collocation_points=500"
+            self.problems.append(ConfigProblem(key="", message=message, location=location))
+            return
+        key, part = split_key(key_text), _Reader(location, lines=False).read(value_text)
+        if part.problems:
+            self.problems += [replace(p, key=join_keys(show_key(key), p.key)) for p in part.problems]
+        else:
+            self.assign(key, part, location)
+
+    def assign(self, key: Key, part: Document, location: str) -> None:
+        """Put another document's value at a key, making the sections on the way."""
+        if self.data is None:
+            self.data = {}
+        try:
+            key = _assign(self.data, key, part.data)
+        except ConfigError as error:
+            self.problems += [ConfigProblem(p.key, p.message, location) for p in error.problems]
+            return
+        for old in [old for old in self.locations if old[: len(key)] == key]:
+            del self.locations[old]
+        self.locations.update({key + inner: location for inner in part.locations})
+        self.locations[key] = location
+
+
+def _assign(container: Any, key: Key, value: Any) -> Key:
+    """Put a value at a key of nested dicts and lists; the key as it is there, with digits as names of a dict."""
+    found: Key = ()
+    for i, part in enumerate(key):
+        _require_place(container, key[: i + 1], part)
+        part = part if isinstance(container, list) else str(part)
+        found = (*found, part)
+        if i == len(key) - 1:
+            container[part] = value
+        elif isinstance(container, dict) and container.get(part) is None:
+            container[part] = {}
+        container = container[part]
+    return found
+
+
+def _require_place(container: Any, key: Key, part: str | int) -> None:
+    above = show_key(key[:-1]) or "the configuration"
+    if isinstance(container, dict):
+        if part == "":
+            raise ConfigError("found an empty part of a key; expected names joined by dots", key=show_key(key))
+    elif isinstance(container, list):
+        if not isinstance(part, int):
+            message = f"found the name {part!r}; expected a position, because {above} is a list"
+            raise ConfigError(message, key=show_key(key))
+        if part >= len(container):
+            message = f"found position {part}; expected 0 to {len(container) - 1}, the entries of {above}"
+            raise ConfigError(message, key=show_key(key))
+    else:
+        message = f"{above} is {container!r}, which has no parts; replace it as a whole: {above}={{{part}: ...}}"
+        raise ConfigError(message, key=show_key(key))
+
+
+def read_yaml(path: Path) -> Document:
+    """Read a configuration file; ConfigError where there is nothing to read."""
+    if path.is_dir():
+        raise ConfigError([ConfigProblem("", "this is a folder; expected a YAML file", str(path))])
+    if not path.is_file():
+        raise ConfigError([ConfigProblem("", "no such file; expected the path of a YAML file", str(path))])
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except OSError as error:
+        raise ConfigError([ConfigProblem("", f"cannot be read: {error.strerror}", str(path))]) from None
+    except UnicodeDecodeError as error:
+        message = f"byte {error.start} is not UTF-8 text; expected a YAML file"
+        raise ConfigError([ConfigProblem("", message, str(path))]) from None
+    return _Reader(str(path), lines=True).read(text)
+
+
+class _Reader:
+    """Turns YAML text into a `Document`."""
+
+    def __init__(self, source: str, lines: bool) -> None:
+        self.source, self.lines = source, lines
+        self.document = Document()
+        self.values = 0
+
+    def read(self, text: str) -> Document:
+        try:
+            loader = _Loader(text)
+            node = loader.get_single_node()
+            self.document.locations[()] = self._at(node) if node is not None else self.source
+            if node is not None:
+                self.document.data = self._value(node, (), ())
+        except ReaderError as error:
+            line = text[: error.position].count("\n") + 1
+            source = f"{self.source}:{line}" if self.lines else self.source
+            self._add((), "not YAML: found a control character; expected printable text", source)
+        except yaml.MarkedYAMLError as error:
+            self._add((), f"not YAML: {error.problem}; {_hint(error)}", self._at_mark(error.problem_mark))
+        except RecursionError:
+            self._add((), "nested too deeply to be a configuration", self.source)
+        return self.document
+
+    def _value(self, node: yaml.Node, key: Key, above: tuple[int, ...]) -> Any:
+        self.document.locations.setdefault(key, self._at(node))
+        self.values += 1
+        if id(node) in above or self.values > MOST_VALUES:
+            what = "an alias contains itself" if id(node) in above else f"more than {MOST_VALUES:,} values"
+            raise yaml.MarkedYAMLError(problem=what, problem_mark=node.start_mark)
+        if isinstance(node, yaml.MappingNode) and node.tag == _TAG + "map":
+            entries = self._entries(node, key)
+            return {name: self._value(child, (*key, name), (*above, id(node))) for name, child in entries}
+        if isinstance(node, yaml.SequenceNode) and node.tag == _TAG + "seq":
+            return [self._value(child, (*key, i), (*above, id(node))) for i, child in enumerate(node.value)]
+        if isinstance(node, yaml.ScalarNode):
+            return self._scalar(node, key)
+        return self._unknown_tag(node, key)
+
+    def _entries(self, node: yaml.MappingNode, key: Key) -> Iterator[tuple[str, yaml.Node]]:
+        first: dict[str, yaml.Node] = {}
+        for key_node, child in node.value:
+            if not isinstance(key_node, yaml.ScalarNode):
+                self._add(key, "found a list or a section as a key; expected a name", self._at(key_node))
+                continue
+            name = str(key_node.value)
+            if name in first:
+                place = f", the first time in line {first[name].start_mark.line + 1}" if self.lines else ""
+                message = f"found twice{place}; expected once"
+                self._add((*key, name), message, self._at(key_node))
+                continue
+            first[name] = key_node
+            self.document.locations[*key, name] = self._at(key_node)
+            yield name, child
+
+    def _scalar(self, node: yaml.ScalarNode, key: Key) -> Any:
+        text, kind = str(node.value), node.tag.removeprefix(_TAG)
+        try:
+            match kind:
+                case "str":
+                    return text
+                case "null":
+                    return None
+                case "bool":
+                    return text.lower() == "true"
+                case "int":
+                    return int(text)
+                case "float":
+                    return float(re.sub(r"\.(?=[a-z])", "", text.lower()))
+        except ValueError:
+            self._add(key, f"found {text[:40]!r}; expected a number", self._at(node))
+            return None
+        return self._unknown_tag(node, key)
+
+    def _unknown_tag(self, node: yaml.Node, key: Key) -> None:
+        message = f"found the tag {node.tag.replace(_TAG, '!!')}; expected a plain value without a tag"
+        self._add(key, message, self._at(node))
+
+    def _add(self, key: Key, message: str, location: str) -> None:
+        self.document.problems.append(ConfigProblem(show_key(key), message, location))
+
+    def _at(self, node: yaml.Node) -> str:
+        return self._at_mark(node.start_mark)
+
+    def _at_mark(self, mark: Any) -> str:
+        return f"{self.source}:{mark.line + 1}" if self.lines and mark is not None else self.source
+
+
+def _hint(error: yaml.MarkedYAMLError) -> str:
+    problem = str(error.problem)
+    if "'\\t'" in problem:
+        return "indent with spaces, not tabs"
+    if "expected a single document" in problem or "but found another document" in problem:
+        return "expected one document, without `---` in the middle"
+    if "alias" in problem or "more than" in problem:
+        return "write the values out"
+    return "expected lines `key: value`, indented by spaces"
