@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,7 @@ from robustopt.config_model import (
 )
 from robustopt.config_validate import validate
 from robustopt.config_yaml import Document, read_yaml, split_key, write_yaml
+from robustopt.errors import ConfigError
 
 __all__ = [
     "AccelerationError",
@@ -56,6 +58,7 @@ __all__ = [
     "UncertaintyConfig",
     "dump",
     "load_config",
+    "located",
     "with_values",
 ]
 
@@ -66,11 +69,22 @@ def load_config(path: str | Path, overrides: Sequence[str] = ()) -> Config:
     Keys are joined by dots, entries of lists are numbered from 0: `path.tray_poses.0.yaw=0.3`, `uncertainty={}`.
     Raises ConfigError with every mistake of the file and the overrides: where, what was found, what would be right.
     """
+    return validate(_document(path, overrides), Path(path).absolute().parent)
+
+
+def located(error: ConfigError, path: str | Path, overrides: Sequence[str] = ()) -> ConfigError:
+    """The same mistakes with the places of their keys, for what only shows once the robot or the path is built."""
+    document = _document(path, overrides)
+    problems = [replace(p, location=p.location or document.locate(split_key(p.key))) for p in error.problems]
+    return ConfigError(problems)
+
+
+def _document(path: str | Path, overrides: Sequence[str]) -> Document:
     document = read_yaml(Path(path))
     if isinstance(document.data, dict) or document.data is None:
         for override in overrides:
             document.override(override)
-    return validate(document, Path(path).absolute().parent)
+    return document
 
 
 def with_values(config: Config, values: Mapping[str, Any]) -> Config:
@@ -87,20 +101,22 @@ def dump(config: Config) -> str:
     Every key with its value, defaults included; file names are absolute; floats read back exactly.
     """
     data = _plain(config.model_dump(exclude_none=True))
-    if _is_file_name(config.robot.model):
+    if _is_file(config):
         data["robot"]["model"] = _absolute(config, config.robot.model)
     if isinstance(config.path.joints, str):
         data["path"]["joints"] = _absolute(config, config.path.joints)
     return write_yaml(data)
 
 
-def _is_file_name(model: str) -> bool:
-    """Whether a robot is a file; the names of shipped robots have no ending and no folder."""
-    return Path(model).suffix != "" or Path(model).name != model
+def _is_file(config: Config) -> bool:
+    """Whether the robot is a file relative to the configuration, not a shipped robot and not in a package."""
+    model = config.robot.model
+    shipped = (Path(__file__).parent / "models" / f"{model}.xml").is_file()
+    return not shipped and not model.startswith("package://")
 
 
 def _absolute(config: Config, name: str) -> str:
-    return str((config.folder / Path(name).expanduser()).absolute())
+    return str((config.folder / name).absolute())
 
 
 def _plain(value: Any) -> Any:

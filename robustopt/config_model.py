@@ -201,15 +201,16 @@ class UncertaintyConfig(Section):
 class SolverConfig(Section):
     method: Literal["ipopt", "reachability"] = Field(
         default="ipopt",
-        description="ipopt: outer nonlinear program with inner contact programs; reachability: minimum time only, fast",
+        description="an outer nonlinear program with inner contact programs (ipopt), or minimum time only and fast "
+        "(reachability)",
     )
     collocation_points: int = Field(
         default=200, ge=10, le=100_000, description="number N of intervals of the grid along the path"
     )
     cost: Literal["time", "effort", "smoothness"] = Field(
         default="time",
-        description="time; or time plus `weight` times the integral of the squared relative torque (effort) or "
-        "acceleration (smoothness)",
+        description="what is minimised: time, or time plus `weight` times the integral of the squared relative torque "
+        "(effort) or acceleration (smoothness)",
     )
     weight: NonNegative = Field(default=0.0, description="weight of the effort or smoothness term")
 

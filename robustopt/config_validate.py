@@ -13,7 +13,7 @@ from pydantic.fields import FieldInfo
 
 from robustopt.config_check import check
 from robustopt.config_model import Config, ContactConfig, Section
-from robustopt.config_words import choices, expected, fields, found, in_unit, meaning, unwrap
+from robustopt.config_words import choices, expected, fields, found, in_unit, purpose, unwrap
 from robustopt.config_yaml import Document, Key
 from robustopt.errors import ConfigError
 
@@ -128,13 +128,12 @@ def _right(key: Key, value: Any) -> str:
     annotation, info = _type_at(key)
     if info is None:
         return f"expected {expected(annotation)}"
-    whole = isinstance(key[-1], str) and key[-1] in (name for name in _names(key))
-    words = expected(annotation, info.metadata if whole else ())
+    words = expected(annotation, info.metadata if key[-1] in _names(key) else ())
     number = words.startswith("a number")
     if number and isinstance(value, str):
         words = words.replace("a number", "a plain number", 1)
-    purpose = f" ({meaning(info)})" if info.description else ""
-    return f"expected {words}{in_unit(info) if 'number' in words else ''}{purpose}"
+    unit = in_unit(info) if "number" in words else ""
+    return f"expected {words}{unit} ({purpose(info)})"
 
 
 def _names(key: Key) -> tuple[str, ...]:

@@ -97,6 +97,11 @@ def meaning(info: FieldInfo) -> str:
     return re.sub(r"\s*\[[^\[\]]*\]$", "", info.description or "")
 
 
+def purpose(info: FieldInfo) -> str:
+    """First clause of the description of a field."""
+    return meaning(info).split(";")[0]
+
+
 def unit(info: FieldInfo) -> str:
     """Unit of a field, from the brackets at the end of its description."""
     found = re.search(r"\[([^\[\]]*)\]$", info.description or "")
