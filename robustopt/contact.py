@@ -1,0 +1,223 @@
+"""Contact: which forces can hold an object in place, and which wrench they must transmit.
+
+Everything is expressed in the tray frame with moments about the tray's origin. A `ContactSystem` is a set of
+objects whose contact forces must be found together: the required wrenches of its objects, stacked, must lie in
+the cone of its generators. An object on one support is a system of its own, because everything above it loads
+that one interface, and then the cone has explicit facets. A bridge shares its load between its supports, which
+is statically indeterminate, so the bridge and its supports form one system without facets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from robustopt.config import Config
+from robustopt.geometry import Patch, erode, patches, supports
+
+Array = np.ndarray
+
+FACET_MERGE = 1e-9
+"""Facets whose unit normals agree to this are one facet that the hull code has triangulated."""
+
+
+@dataclass(frozen=True)
+class ContactSystem:
+    """Objects whose contact forces must be found together.
+
+    objects: the balanced objects; their wrenches are stacked, d = 6 * len(objects)
+    loads: per balanced object the bodies whose weight and inertia it must carry, itself included
+    generators: contact wrenches of the edges of all friction cones, shape (d, k), tray frame about its origin;
+        what the supports can exert is the cone of the columns
+    facets: the same cone as facets @ w <= 0, shape (F, d), or None where only the generators are known
+    names: of the limits the system imposes: (slip, tipping) of one interface, or (balance,) of a bridge
+    edges: friction edges per contact point, which are neighbouring columns of the generators
+    """
+
+    objects: tuple[str, ...]
+    loads: tuple[tuple[str, ...], ...]
+    generators: Array
+    facets: Array | None
+    names: tuple[str, ...]
+    edges: int
+
+    @property
+    def dimension(self) -> int:
+        return 6 * len(self.objects)
+
+    @property
+    def interior(self) -> Array:
+        """A wrench well inside the cone: equal forces along all generators, of unit mean, shape (d,)."""
+        return self.generators.mean(axis=1)
+
+    def kind_of(self, rows: Array) -> Array:
+        """Which of the system's names facets or duals (F, d) belong to, shape (F,).
+
+        A row on which all friction edges of a contact point lie says that the body is about to turn over: tipping.
+        """
+        if len(self.names) == 1 or not len(rows):
+            return np.zeros(len(rows), dtype=np.int64)
+        products = np.abs(rows @ self.generators)
+        flat = products <= 1e-7 * products.max(axis=1, keepdims=True)
+        return flat.reshape(len(rows), -1, self.edges).all(axis=2).any(axis=1).astype(np.int64)
+
+
+def skew(vector: Array) -> Array:
+    """Matrix of the cross product: skew(a) @ b = a x b, shape (3, 3)."""
+    x, y, z = vector
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def about_point(point: Array) -> Array:
+    """Matrix that takes a wrench about the origin to one about `point`, shape (6, 6)."""
+    transform = np.eye(6)
+    transform[3:, :3] = -skew(point)
+    return transform
+
+
+def friction_edges(mu: float, edges: int) -> Array:
+    """Unit-normal edges of the friction cone's inner approximation, first edge along x, shape (edges, 3)."""
+    angle = 2 * np.pi * np.arange(edges) / edges
+    return np.column_stack([mu * np.cos(angle), mu * np.sin(angle), np.ones(edges)])
+
+
+def wrench_generators(points: Array, mu: float, edges: int) -> Array:
+    """Wrenches about the origin of edge forces at `points` (n, 3), shape (6, n * edges)."""
+    forces = np.tile(friction_edges(mu, edges), (len(points), 1))
+    arms = np.repeat(points, edges, axis=0)
+    return np.column_stack([forces, np.cross(arms, forces)]).T
+
+
+@lru_cache(maxsize=256)
+def _unit_facets(polygon: tuple[tuple[float, float], ...], edges: int) -> Array:
+    """Facets of the wrench cone of a flat patch at mu = 1, moments about the patch's origin, shape (F, 6).
+
+    The section f_z = 1 of the cone is the hull of the generators, all of which have f_z = 1.
+    """
+    points = np.column_stack([np.array(polygon), np.zeros(len(polygon))])
+    section = wrench_generators(points, 1.0, edges)[[0, 1, 3, 4, 5]].T
+    equations = ConvexHull(section).equations
+    facets = np.column_stack([equations[:, :2], equations[:, 5], equations[:, 2:5]])
+    _, first = np.unique(np.round(facets / FACET_MERGE), axis=0, return_index=True)
+    return _merge_close(facets[np.sort(first)])
+
+
+def _merge_close(facets: Array) -> Array:
+    """Drop facets that repeat an earlier one to within rounding."""
+    order = np.lexsort(np.round(facets, 6).T)
+    facets = facets[order]
+    new = np.r_[True, np.abs(np.diff(facets, axis=0)).max(axis=1) > 1e3 * FACET_MERGE]
+    return facets[new]
+
+
+def patch_facets(polygon: Array, mu: float, edges: int) -> Array:
+    """Facets of the wrench cone of a flat patch, moments about the origin of its plane, shape (F, 6).
+
+    polygon: vertices (n, 2) [m]. The cone scales exactly with the coefficient of friction,
+    A_mu = A_1 diag(1/mu, 1/mu, 1, 1, 1, 1/mu), and with the size of the patch, so one hull serves all. The origin must
+    lie inside the patch; then every facet bounds the normal force from below, and is scaled to a coefficient -1 of it,
+    so that a row's value is a fraction of the normal force.
+    """
+    size = float(np.abs(polygon).max())
+    facets = _unit_facets(tuple(map(tuple, np.round(polygon / size, 12).tolist())), edges)
+    return facets / np.array([mu, mu, 1.0, size, size, mu * size]) / -facets[:, 2:3]
+
+
+def contact_systems(config: Config, friction: Mapping[str, float], shift: Mapping[str, float]) -> tuple[ContactSystem, ...]:
+    """Contact systems of a scene.
+
+    friction: coefficient of friction of the interface under each object
+    shift: how far each contact point under an object may lie from its place along x and y [m]. The patch is eroded
+        by that square: every displaced patch contains the eroded one, which for a rectangle is itself a
+        displaced patch, so the bound is sound, and exact for rectangles (our choice).
+    """
+    eroded = tuple(_eroded(patch, shift.get(patch.object, 0.0)) for patch in patches(config))
+    return tuple(_system(config, group, eroded, friction) for group in _groups(config))
+
+
+def _eroded(patch: Patch, shift: float) -> Patch:
+    if shift == 0.0:
+        return patch
+    polygon = erode(patch.polygon, shift, patch.yaw)
+    return Patch(object=patch.object, support=patch.support, polygon=polygon, z=patch.z, yaw=patch.yaw)
+
+
+def carried(config: Config, name: str) -> tuple[str, ...]:
+    """The object and everything that stands on it, directly or not, in the config's order."""
+    above = {name}
+    while True:
+        more = {other for other in config.objects if above & set(supports(config.objects[other]))} | above
+        if more == above:
+            return tuple(other for other in config.objects if other in above)
+        above = more
+
+
+def _is_determinate(config: Config, name: str) -> bool:
+    """Whether all that an object carries rests on the tray through this object's one support alone."""
+    if len(supports(config.objects[name])) > 1:
+        return False
+    above = set(carried(config, name))
+    return all(set(supports(config.objects[other])) <= above for other in above - {name})
+
+
+def _groups(config: Config) -> list[tuple[str, ...]]:
+    """Objects whose contact forces must be found together: one each, or all that a bridge couples."""
+    determinate = [name for name in config.objects if _is_determinate(config, name)]
+    groups: list[set[str]] = []
+    for name in config.objects:
+        if name in determinate:
+            continue
+        linked = {name} | {other for other in supports(config.objects[name]) if other in config.objects and other not in determinate}
+        touching = [group for group in groups if group & linked]
+        groups = [group for group in groups if not group & linked] + [linked.union(*touching)]
+    indeterminate = [tuple(name for name in config.objects if name in group) for group in groups]
+    return [(name,) for name in determinate] + indeterminate
+
+
+def _system(config: Config, group: tuple[str, ...], all_patches: tuple[Patch, ...], friction: Mapping[str, float]) -> ContactSystem:
+    edges = config.contact.cone_edges
+    own = [patch for patch in all_patches if patch.object in group]
+    blocks = []
+    for patch in own:
+        generators = wrench_generators(_corners(patch), friction[patch.object], edges)
+        column = np.zeros((6 * len(group), generators.shape[1]))
+        row = 6 * group.index(patch.object)
+        column[row : row + 6] = generators
+        if patch.support in group:
+            row = 6 * group.index(patch.support)
+            column[row : row + 6] = -generators
+        blocks.append(column)
+    bridges = [name for name in group if len(supports(config.objects[name])) > 1]
+    balance = " and ".join(f"balance of {name} on {' and '.join(supports(config.objects[name]))}" for name in bridges)
+    interface = [f"slip of {own[0].object} on {own[0].support}", f"tipping of {own[0].object} over {own[0].support}"]
+    return ContactSystem(
+        objects=group,
+        loads=tuple(_load(config, name, group) for name in group),
+        generators=np.hstack(blocks),
+        facets=_facets(own[0], friction[own[0].object], edges) if len(own) == 1 else None,
+        names=(balance,) if bridges else tuple(interface),
+        edges=edges,
+    )
+
+
+def _load(config: Config, name: str, group: tuple[str, ...]) -> tuple[str, ...]:
+    """The bodies that one object of a group carries, apart from those that the group balances by themselves."""
+    if len(group) == 1:
+        return carried(config, name)
+    direct = [other for other in config.objects if supports(config.objects[other]) == (name,) and other not in group]
+    above = {body for other in direct for body in carried(config, other)}
+    return tuple(body for body in config.objects if body == name or body in above)
+
+
+def _corners(patch: Patch) -> Array:
+    return np.column_stack([patch.polygon, np.full(len(patch.polygon), patch.z)])
+
+
+def _facets(patch: Patch, mu: float, edges: int) -> Array:
+    """Facets of one interface about the tray's origin, (F, 6)."""
+    centre = np.append(patch.polygon.mean(axis=0), patch.z)
+    return patch_facets(patch.polygon - centre[:2], mu, edges) @ about_point(centre)

@@ -1,0 +1,280 @@
+"""Time-scaling problem: rows a u + b x + c <= 0 at every grid point, each with its name.
+
+x = sd^2 at the grid points, piecewise linear in s; u = sdd, constant on each interval, x_{i+1} = x_i + 2 ds_i u_i. The
+control of an interval satisfies the rows at both of its ends. Where the robot stops, the grid point is doubled: the
+second one starts the next piece of the path, x = 0 at both, and the interval between them has no length.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numba as nb
+import numpy as np
+
+from robustopt.config import Config
+from robustopt.contact import contact_systems
+from robustopt.path import Path, build_path
+from robustopt.polygons import Polygons, cut_affine, cut_family, start
+from robustopt.robot import Robot, load_robot
+from robustopt.rows import (
+    ContactFamily,
+    PathMotion,
+    TorqueFamily,
+    acceleration_rows,
+    body_loads,
+    path_motion,
+    torque_family,
+)
+from robustopt.uncertainty import acceleration_error, bodies, contact_shift, friction
+
+Array = np.ndarray
+
+REST_REFINEMENT = 0.6
+"""Share of cosine spacing in the grid of a piece, the rest is uniform: finer towards rest, where sd grows like sqrt(s)."""
+
+STANDARD_GRAVITY = 9.81
+"""Turns a mass into the weight that contact rows are a fraction of, whatever the configured gravity [m/s^2]."""
+
+EDGE_LENGTH = 1e-9
+"""Edges of a feasible polygon shorter than this part of the polygon are rounding errors, not rows."""
+
+
+def gridpoints(path: Path, intervals: int) -> tuple[Array, Array]:
+    """Grid of a path: s (P,) and the piece of each grid point (P,); stops are doubled, P = intervals + pieces."""
+    lengths = np.diff(path.breaks)
+    counts = _apportion(lengths, intervals)
+    s, piece = [], []
+    for k, count in enumerate(counts):
+        xi = np.linspace(0.0, 1.0, count + 1)
+        spaced = (1 - REST_REFINEMENT) * xi + REST_REFINEMENT * (1 - np.cos(np.pi * xi)) / 2
+        points = path.breaks[k] + lengths[k] * spaced
+        points[0], points[-1] = path.breaks[k], path.breaks[k + 1]
+        s.append(points)
+        piece.append(np.full(count + 1, k))
+    return np.concatenate(s), np.concatenate(piece)
+
+
+def _apportion(lengths: Array, total: int) -> list[int]:
+    """Split `total` intervals in proportion to the lengths, at least two each, by largest remainders."""
+    shares = np.maximum(lengths / lengths.sum() * total, 2.0)
+    counts = np.floor(shares).astype(int)
+    for k in np.argsort(counts - shares, kind="stable")[: max(total - counts.sum(), 0)]:
+        counts[k] += 1
+    return [int(count) for count in counts]
+
+
+@dataclass(frozen=True, eq=False)
+class Limits:
+    """All limits of a problem along its grid, before they are cut into rows.
+
+    outline: polygons of the joint velocity and acceleration limits; contacts: one family per contact system;
+    torque: joint torque; names: of all rows; x_max: from joint velocity (P,); velocity_name: (P,) index of its joint
+    """
+
+    motion: PathMotion
+    outline: Polygons
+    contacts: tuple[ContactFamily, ...]
+    torque: TorqueFamily
+    names: tuple[str, ...]
+    x_max: Array
+    velocity_name: Array
+
+
+@dataclass(frozen=True, eq=False)
+class TimeScalingProblem:
+    """Rows a u + b x + c <= 0 and bounds 0 <= x <= x_max on a grid.
+
+    s: (P,) grid points in [0, 1]; piece: (P,) piece of the path; rest: (P,) where the robot must stand still;
+    a, b, c: (P, m) rows, each a fraction of its limit, padded with rows that always hold;
+    row_names: (m,) name of each column; x_max: (P,), 0 at rest; x_max_names: (P,) which joint's velocity bounds x;
+    feasible: (P,) whether any (u, x) satisfies the rows of the point; facets: per contact system the rows its
+    wrenches were held to (F, d); reference: (P,) about which the viscous torque is a tangent, nan for none
+    """
+
+    config: Config
+    robot: Robot
+    path: Path
+    s: Array
+    piece: Array
+    rest: Array
+    a: Array
+    b: Array
+    c: Array
+    row_names: tuple[str, ...]
+    x_max: Array
+    x_max_names: tuple[str, ...]
+    feasible: Array
+    limits: Limits = field(repr=False)
+    facets: tuple[Array, ...] = field(repr=False)
+    facet_names: tuple[Array, ...] = field(repr=False)
+    reference: Array = field(repr=False)
+
+    @property
+    def ds(self) -> Array:
+        """Interval lengths, (P - 1,); 0 at stops."""
+        return np.diff(self.s)
+
+    def with_facets(self, facets: tuple[Array, ...]) -> TimeScalingProblem:
+        """The same problem with its contact systems held to other rows, as fractions of the weight, (F, d) each."""
+        pairs = zip(self.limits.contacts, facets, strict=True)
+        names = tuple(_name_index(family, rows, self.limits.names) for family, rows in pairs)
+        return _with_rows(self, facets, names, self.reference)
+
+    def with_reference(self, reference: Array) -> TimeScalingProblem:
+        """The same problem with the viscous torque linearised about x = reference (P,)."""
+        return _with_rows(self, self.facets, self.facet_names, reference)
+
+    def torques(self, u: Array, x: Array) -> Array:
+        """Nominal joint torque at grid points for (u, x) there, payload and joint friction included, (P, n) [N m]."""
+        columns = []
+        for joint in range(self.robot.n):
+            coefficients, viscous = self.limits.torque.nominal(joint)
+            affine = coefficients[:, 0] * u + coefficients[:, 1] * x + coefficients[:, 2]
+            columns.append((affine + viscous * np.sqrt(np.maximum(x, 0.0))) * self.robot.limits.torque[joint])
+        return np.stack(columns, axis=1)
+
+
+def build_problem(config: Config) -> TimeScalingProblem:
+    """The time-scaling problem of a configuration.
+
+    Raises ConfigError, RobotError or PathError where the configuration cannot be used. A problem that has no solution
+    is no error here: `solve` says so.
+    """
+    robot = load_robot(config)
+    return build_rows(config, robot, build_path(config, robot))
+
+
+def build_rows(config: Config, robot: Robot, path: Path) -> TimeScalingProblem:
+    """The problem of a configuration whose robot and path are at hand."""
+    s, piece = gridpoints(path, config.solver.collocation_points)
+    rest = np.zeros(len(s), dtype=bool)
+    rest[[0, -1]] = True
+    doubled = np.flatnonzero(np.diff(s) == 0)
+    rest[doubled] = rest[doubled + 1] = True
+    limits = _limits(config, robot, path, s, piece)
+    facets = tuple(_scaled_facets(family) for family in limits.contacts)
+    names = tuple(_name_index(family, rows, limits.names) for family, rows in zip(limits.contacts, facets, strict=True))
+    empty = np.zeros((len(s), 0))
+    bare = TimeScalingProblem(
+        config, robot, path, s, piece, rest, empty, empty, empty, (), np.where(rest, 0.0, limits.x_max),
+        tuple(limits.names[k] for k in limits.velocity_name), np.ones(len(s), dtype=bool), limits, facets, names,
+        np.full(len(s), np.nan),
+    )  # fmt: skip
+    return _with_rows(bare, facets, names, bare.reference)
+
+
+def _limits(config: Config, robot: Robot, path: Path, s: Array, piece: Array) -> Limits:
+    q, q1, q2 = (path.evaluate(s, piece, order) for order in (0, 1, 2))
+    motion = path_motion(q1, q2, robot.dynamics(q, q1, q2))
+    middle, radius = acceleration_error(config, robot.n)
+    everything = bodies(config)
+    systems = contact_systems(config, friction(config), contact_shift(config))
+    contacts = []
+    for system in systems:
+        loaded = [[everything[name] for name in row] for row in system.loads]
+        weight = STANDARD_GRAVITY * sum(body.nominal[0] for row in loaded for body in row)
+        contacts.append(ContactFamily(system, body_loads(motion, loaded, middle, radius), weight))
+    payload = body_loads(motion, [list(everything.values())], middle, radius)
+    torque = torque_family(motion, robot.limits, payload, middle, radius)
+    names = _all_names(robot, tuple(contacts))
+    x_max, fastest = _velocity_bound(q1, robot.limits.velocity)
+    outline = _outline(motion, robot, middle, radius, x_max, fastest)
+    return Limits(motion, outline, tuple(contacts), torque, names, x_max, fastest)
+
+
+def _all_names(robot: Robot, contacts: tuple[ContactFamily, ...]) -> tuple[str, ...]:
+    """Names of all rows: velocity, acceleration and torque per joint, then the limits of the contact systems."""
+    names = [f"{joint} {kind}" for kind in ("velocity", "acceleration", "torque") for joint in robot.joint_names]
+    for family in contacts:
+        names += family.system.names
+    return tuple(names)
+
+
+def _velocity_bound(q1: Array, velocity: Array) -> tuple[Array, Array]:
+    """Largest x that the joint velocities allow, (P,), and which joint bounds it, (P,)."""
+    ratio = np.abs(q1) / velocity
+    fastest = np.argmax(ratio, axis=1)
+    return 1.0 / np.maximum(ratio.max(axis=1), 1e-12) ** 2, fastest
+
+
+def _outline(motion: PathMotion, robot: Robot, middle: Array, radius: Array, x_max: Array, fastest: Array) -> Polygons:
+    limit = robot.limits.acceleration
+    rate = np.abs(motion.q1) / limit
+    lead = np.argmax(rate, axis=1)
+    row = np.arange(len(x_max))
+    reach = (1.0 + (np.abs(middle) / limit)[lead] + np.abs(motion.q2[row, lead]) / limit[lead] * x_max) / rate[row, lead]
+    polygons = start(2.0 * reach, x_max, fastest)
+    names = np.tile(np.arange(robot.n, 2 * robot.n), 2)
+    cut_affine(polygons, acceleration_rows(motion, robot.limits, middle, radius), names)
+    return polygons
+
+
+def _name_index(family: ContactFamily, rows: Array, names: tuple[str, ...]) -> Array:
+    return names.index(family.system.names[0]) + family.system.kind_of(rows)
+
+
+def _scaled_facets(family: ContactFamily) -> Array:
+    """The facets of a system as rows whose value is a fraction of the weight they carry, (F, d)."""
+    if family.system.facets is None:
+        return np.zeros((0, family.system.dimension))
+    return family.system.facets / family.weight
+
+
+def _with_rows(
+    problem: TimeScalingProblem, facets: tuple[Array, ...], names: tuple[Array, ...], reference: Array
+) -> TimeScalingProblem:
+    """Cut the polygons of all limits and turn their edges into rows."""
+    limits = problem.limits
+    polygons = limits.outline.copy()
+    none, no_terms = np.zeros((0, 0, 3)), np.zeros((0, 0, 0))
+    for family, rows, index in zip(limits.contacts, facets, names, strict=True):
+        if len(rows):
+            cut_family(polygons, rows, family.loads, none, no_terms, index)
+    n = problem.robot.n
+    base = limits.torque.base_at(reference, limits.x_max)
+    cut_family(polygons, limits.torque.B, limits.torque.loads, base, limits.torque.base_terms, np.tile(np.arange(2 * n, 3 * n), 2))
+    a, b, c, columns = _columns(polygons, n, len(limits.names))
+    return replace(
+        problem, a=a, b=b, c=c, row_names=tuple(limits.names[k] for k in columns), feasible=polygons.count > 0,
+        facets=facets, facet_names=names, reference=reference,
+    )  # fmt: skip
+
+
+def _columns(polygons: Polygons, joints: int, names: int) -> tuple[Array, Array, Array, list[int]]:
+    """Edges of the polygons as rows; the columns of one name are as many as one grid point needs at most."""
+    slots = _slots(polygons.vertices, polygons.names, polygons.count, joints, names)
+    point, edge = np.nonzero(slots >= 0)
+    name = polygons.names[point, edge]
+    width = np.zeros(names, dtype=np.int64)
+    np.maximum.at(width, name, slots[point, edge] + 1)
+    first = np.r_[0, np.cumsum(width)]
+    rows = np.zeros((len(polygons.count), first[-1], 3))
+    rows[:, :, 2] = -1.0
+    rows[point, first[name] + slots[point, edge]] = polygons.rows[point, edge]
+    columns = [k for k in range(names) for _ in range(width[k])]
+    return rows[:, :, 0].copy(), rows[:, :, 1].copy(), rows[:, :, 2].copy(), columns
+
+
+@nb.njit(cache=True)
+def _slots(vertices: Array, edge_names: Array, count: Array, joints: int, names: int) -> Array:
+    """Number of each edge among the edges of its name at its grid point; -1 for what is no row, (P, V)."""
+    slots = np.full(edge_names.shape, -1)
+    used = np.zeros(names, np.int64)
+    for i in range(len(count)):
+        used[:] = 0
+        n = count[i]
+        width_u, width_x = 0.0, 0.0
+        for k in range(n):
+            width_u = max(width_u, abs(vertices[i, k, 0] - vertices[i, 0, 0]))
+            width_x = max(width_x, abs(vertices[i, k, 1] - vertices[i, 0, 1]))
+        for k in range(n):
+            name = edge_names[i, k]
+            after = k + 1 if k + 1 < n else 0
+            du = abs(vertices[i, after, 0] - vertices[i, k, 0])
+            dx = abs(vertices[i, after, 1] - vertices[i, k, 1])
+            if name < joints or (du <= EDGE_LENGTH * width_u and dx <= EDGE_LENGTH * width_x):
+                continue
+            slots[i, k] = used[name]
+            used[name] += 1
+    return slots

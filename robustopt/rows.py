@@ -1,0 +1,267 @@
+"""Row families: what each limit demands of (u, x) at every grid point, with all uncertain parameters still open.
+
+Joint acceleration is affine in (u, x). Contact and joint torque are families over the wrenches of the bodies, which
+the polygons cut with (see `polygons`). Joint torque has a viscous part D q' sqrt(x). Where it hurts, it is replaced by
+its tangent at a reference x_r, D |q'| (sqrt(x_r) / 2 + x / (2 sqrt(x_r))), an upper bound of a concave function that is
+exact at x_r; where it helps, by its chord over [0, x_top], a lower bound. Without a reference the chord stands in for
+the tangent: an optimistic row, for a first guess only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from robustopt.contact import ContactSystem
+from robustopt.polygons import Loads
+from robustopt.robot import ArmDynamics, JointLimits
+from robustopt.uncertainty import Body, regressor, spin_regressor
+
+Array = np.ndarray
+
+DIRECTION_TOLERANCE = 1e-9
+"""A joint that turns by less than this part of the fastest joint's rate counts as at rest: dry friction takes both signs."""
+
+
+@dataclass(frozen=True)
+class PathMotion:
+    """Motion of arm and tray along the path at P grid points, per u, x and joint acceleration error.
+
+    q1, q2: q', q'' (P, n); arm: dynamics of the arm alone; regressors: wrench per inertial parameter, tray frame about
+    the tray's origin, (P, 6, 10, 3 + n), last index u, x, 1 and the acceleration error of each joint
+    """
+
+    q1: Array
+    q2: Array
+    arm: ArmDynamics
+    regressors: Array
+
+
+def path_motion(q1: Array, q2: Array, arm: ArmDynamics) -> PathMotion:
+    points, joints = q1.shape
+    J = arm.jacobian
+    linear, angular = np.zeros((points, 3 + joints, 3)), np.zeros((points, 3 + joints, 3))
+    per_u = np.einsum("pij,pj->pi", J, q1)
+    per_x = np.einsum("pij,pj->pi", J, q2) + arm.bias
+    linear[:, 0], linear[:, 1], linear[:, 2] = per_u[:, :3], per_x[:, :3], -arm.gravity
+    angular[:, 0], angular[:, 1] = per_u[:, 3:], per_x[:, 3:]
+    linear[:, 3:], angular[:, 3:] = np.swapaxes(J[:, :3], 1, 2), np.swapaxes(J[:, 3:], 1, 2)
+    regressors = regressor(linear, angular)
+    regressors[:, 1] += spin_regressor(per_u[:, 3:])
+    return PathMotion(q1, q2, arm, np.moveaxis(regressors, 1, -1))
+
+
+def body_loads(motion: PathMotion, loads: Sequence[Sequence[Body]], middle: Array, radius: Array) -> Loads:
+    """Loads of stacked objects, each of which carries the bodies listed for it.
+
+    middle, radius: of the joint acceleration error (n,) [rad/s^2]
+    """
+    points, _, _, columns = motion.regressors.shape
+    joints, d = columns - 3, 6 * len(loads)
+    listed = {body.name: body for row in loads for body in row}
+    certain = [body for body in listed.values() if body.mass[0] == body.mass[1]]
+    uncertain = [body for body in listed.values() if body.mass[0] < body.mass[1]]
+    groups = [[(body, body.mass[0]) for body in certain]] + [[(body, 1.0)] for body in uncertain]
+    erring = np.flatnonzero(radius)
+
+    def wrench(parameters: Array, body: Body) -> Array:
+        """(P, d, 3 + n): the body's parameters seen by every object that carries it."""
+        per_block = np.einsum("pijk,j->pik", motion.regressors, parameters)
+        result = np.zeros((points, d, columns))
+        for block, row in enumerate(loads):
+            if body in row:
+                result[:, 6 * block : 6 * block + 6] = per_block
+        return result
+
+    def at_middle(full: Array) -> Array:
+        """(P, d, 3): coefficients of u, x, 1 with the error at the middle of its interval."""
+        result = full[:, :, :3].copy()
+        result[:, :, 2] += full[:, :, 3:] @ middle
+        return result
+
+    terms, kind, group = [], [], []
+    constant, constant_group = [], []
+    remainder, remainder_group = [], []
+    for g, members in enumerate(groups):
+        nominal = np.zeros((points, d, columns))
+        bound = np.zeros((points, d))
+        for body, mass in members:
+            nominal += wrench(mass * body.psi, body)
+            for step in body.linear[np.any(body.linear != 0, axis=1)]:
+                full = wrench(mass * step, body)
+                terms.append(at_middle(full))
+                kind.append(1)
+                group.append(g)
+                bound += np.abs(full[:, :, 3:]) @ radius
+            for square in body.remainder[np.any(body.remainder != 0, axis=1)]:
+                full = wrench(mass * square, body)
+                remainder.append(at_middle(full))
+                remainder_group.append(g)
+                bound += np.abs(full[:, :, 3:]) @ radius
+        terms.append(at_middle(nominal))
+        kind.append(0)
+        group.append(g)
+        constant.append(nominal[:, :, 3 + erring] * radius[erring])
+        constant_group += [g] * len(erring)
+        if np.any(bound):
+            remainder.append(np.stack([np.zeros_like(bound), np.zeros_like(bound), bound], axis=2))
+            remainder_group.append(g)
+    return Loads(
+        terms=np.stack(terms, axis=2),
+        kind=np.array(kind),
+        group=np.array(group),
+        constant=np.concatenate(constant, axis=2),
+        constant_group=np.array(constant_group, dtype=np.int64),
+        remainder=np.stack(remainder, axis=2) if remainder else np.zeros((points, d, 0, 3)),
+        remainder_group=np.array(remainder_group, dtype=np.int64),
+        lowest=np.array([1.0] + [body.mass[0] for body in uncertain]),
+        highest=np.array([1.0] + [body.mass[1] for body in uncertain]),
+    )
+
+
+@dataclass(frozen=True)
+class ContactFamily:
+    """A contact system and its loads along the path.
+
+    weight: what the facets of the system are divided by, the weight that it carries in all [N]
+    """
+
+    system: ContactSystem
+    loads: Loads
+    weight: float
+
+    def wrench(self, points: Array, u: Array, x: Array) -> Array:
+        """Required wrenches with every parameter at the middle of its interval, stacked, (M, d) [N, N m].
+
+        points: (M,) grid point of each; u, x: (M,)
+        """
+        coefficients = self.loads.middle()[points]
+        return coefficients[:, :, 0] * u[:, None] + coefficients[:, :, 1] * x[:, None] + coefficients[:, :, 2]
+
+
+@dataclass(frozen=True)
+class TorqueFamily:
+    """Joint torque, rows divided by their limits: first +tau_j, then -tau_j.
+
+    B: rows over the payload's wrench (P, 2n, 6); base: arm, dry friction and limit (P, 2n, 3); base_terms: acceleration
+    error of the arm's own inertia (P, 2n, n_c); viscous: coefficient of sqrt(x) (P, 2n)
+    """
+
+    B: Array
+    loads: Loads
+    base: Array
+    base_terms: Array
+    viscous: Array
+
+    def base_at(self, reference: Array, x_top: Array) -> Array:
+        """Affine base rows with the viscous part bounded, (P, 2n, 3); reference (P,), nan for none."""
+        base = self.base.copy()
+        top = np.sqrt(x_top)[:, None]
+        root = np.sqrt(np.maximum(reference, 1e-6 * x_top))[:, None]
+        tangent = (self.viscous > 0) & np.isfinite(root)
+        base[:, :, 1] += np.where(tangent, self.viscous / (2 * root), self.viscous / top)
+        base[:, :, 2] += np.where(tangent, self.viscous * root / 2, 0.0)
+        return base
+
+    def nominal(self, joint: int) -> tuple[Array, Array]:
+        """Torque of a joint as a fraction of its limit: coefficients of (u, x, 1), (P, 3), and of sqrt(x), (P,).
+
+        The mean of a joint's two rows drops the limit and keeps what changes its sign with the torque.
+        """
+        n = self.B.shape[1] // 2
+        rows = np.einsum("pfd,pdk->pfk", self.B, self.loads.middle()) + self.base
+        return 0.5 * (rows[:, joint] - rows[:, n + joint]), self.viscous[:, joint]
+
+    def excess(self, u: Array, x: Array, points: Array) -> Array:
+        """Largest torque over all uncertain parameters, as a fraction of the limit, minus 1, with the exact viscous part.
+
+        u, x: (M,); points: (M,) grid point of each; returns (M, 2n)
+        """
+        affine = evaluate(self.B[points], take(self.loads, points), self.base[points], self.base_terms[points], u, x)
+        return affine + self.viscous[points] * np.sqrt(np.maximum(x, 0.0))[:, None]
+
+
+def torque_family(motion: PathMotion, limits: JointLimits, loads: Loads, middle: Array, radius: Array) -> TorqueFamily:
+    points, joints = motion.q1.shape
+    arm, limit = motion.arm, np.r_[limits.torque, limits.torque]
+    sign = np.r_[np.ones(joints), -np.ones(joints)]
+    both = lambda array: np.concatenate([array, array], axis=1)  # noqa: E731
+    B = both(np.swapaxes(arm.jacobian, 1, 2)) * (sign / limit)[:, None]
+    moving = np.abs(motion.q1) > DIRECTION_TOLERANCE * np.abs(motion.q1).max(axis=1, keepdims=True)
+    direction = np.where(_changes_sign(motion.q1) | ~moving, np.nan, np.sign(motion.q1))
+    resisting = np.where(np.isnan(both(direction)), 1.0, both(direction) * sign)
+    base = np.stack([both(part) * sign for part in (arm.tau_u, arm.tau_x, arm.tau_0)], axis=2)
+    base[:, :, 2] += both(arm.mass_matrix @ middle) * sign + both(np.tile(limits.dry_friction, (points, 1))) * resisting
+    base /= limit[:, None]
+    base[:, :, 2] -= 1.0
+    erring = np.flatnonzero(radius)
+    own = both(arm.mass_matrix[:, :, erring] * radius[erring]) * (sign / limit)[:, None]
+    base_terms = np.zeros((points, 2 * joints, len(loads.constant_group)))
+    base_terms[:, :, : len(erring)] = own
+    viscous = both(limits.viscous_friction * motion.q1) * (sign / limit)
+    return TorqueFamily(B, loads, base, base_terms, viscous)
+
+
+def _changes_sign(q1: Array) -> Array:
+    """Whether q' of a joint changes its sign towards a neighbouring grid point, (P, n)."""
+    flips = np.sign(q1[1:]) != np.sign(q1[:-1])
+    result = np.zeros(q1.shape, dtype=bool)
+    result[1:] |= flips
+    result[:-1] |= flips
+    return result
+
+
+def acceleration_rows(motion: PathMotion, limits: JointLimits, middle: Array, radius: Array) -> Array:
+    """+-(q' u + q'' x + middle) + radius <= limit, divided by the limit, (P, 2n, 3)."""
+    rows = np.stack([motion.q1, motion.q2, np.broadcast_to(middle, motion.q1.shape)], axis=2)
+    rows = np.concatenate([rows, -rows], axis=1)
+    rows[:, :, 2] += np.r_[radius, radius] - np.r_[limits.acceleration, limits.acceleration]
+    return rows / np.r_[limits.acceleration, limits.acceleration][:, None]
+
+
+def take(loads: Loads, points: Array) -> Loads:
+    """The loads at some of the grid points."""
+    return Loads(
+        loads.terms[points], loads.kind, loads.group, loads.constant[points], loads.constant_group,
+        loads.remainder[points], loads.remainder_group, loads.lowest, loads.highest,
+    )  # fmt: skip
+
+
+def evaluate(B: Array, loads: Loads, base: Array, base_terms: Array, u: Array, x: Array) -> Array:
+    """Values of a row family at (u, x) with every parameter at its worst, (M, F): the formula of `polygons`, in numpy.
+
+    B: (M, F, d) or (F, d); loads at M points; base (M, F, 3) or (0, 0, 3); base_terms (M, F, n_c) or (0, 0, 0)
+    """
+    point = np.stack([u, x, np.ones_like(u)], axis=1)
+    terms = B @ np.einsum("mdnk,mk->mdn", loads.terms, point)
+    constant = B @ loads.constant + (base_terms if base_terms.size else 0.0)
+    remainder = np.abs(B) @ np.abs(np.einsum("mdnk,mk->mdn", loads.remainder, point))
+    values = np.einsum("mfk,mk->mf", base, point) if base.size else 0.0
+    for g, (lowest, highest) in enumerate(zip(loads.lowest, loads.highest, strict=True)):
+        own = loads.group == g
+        v = terms[..., own & (loads.kind == 0)].sum(axis=-1) + np.abs(terms[..., own & (loads.kind == 1)]).sum(axis=-1)
+        v = v + np.abs(constant[..., loads.constant_group == g]).sum(axis=-1)
+        v = v + remainder[..., loads.remainder_group == g].sum(axis=-1)
+        values = values + np.where(v > 0, highest, lowest) * v
+    return np.asarray(values)
+
+
+def worst_wrench(loads: Loads, y: Array, u: Array, x: Array) -> Array:
+    """The wrench inside the box of the parameters that a direction y likes least: the argument of `evaluate`, (M, d).
+
+    y: (M, d); loads at M points; u, x: (M,)
+    """
+    point = np.stack([u, x, np.ones_like(u)], axis=1)
+    terms = np.einsum("mdnk,mk->mdn", loads.terms, point)
+    sizes = np.abs(np.einsum("mdnk,mk->mdn", loads.remainder, point))
+    total = np.zeros_like(y)
+    for g, (lowest, highest) in enumerate(zip(loads.lowest, loads.highest, strict=True)):
+        own = loads.group == g
+        w = terms[..., own & (loads.kind == 0)].sum(axis=-1)
+        for swing in (terms[..., own & (loads.kind == 1)], loads.constant[..., loads.constant_group == g]):
+            w = w + np.einsum("mdn,mn->md", swing, np.sign(np.einsum("md,mdn->mn", y, swing)))
+        w = w + np.sign(y) * sizes[..., loads.remainder_group == g].sum(axis=-1)
+        total += np.where(np.einsum("md,md->m", y, w) > 0, highest, lowest)[:, None] * w
+    return total

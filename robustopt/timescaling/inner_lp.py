@@ -1,0 +1,110 @@
+"""Inner programs: can contact forces transmit the wrench that a timing demands? One linear program per grid point.
+
+    minimise t   such that   G lambda = w + t r,   lambda >= 0
+
+G holds the friction edges of all contact points, w is the required wrench and r a wrench well inside the cone, as heavy
+as the load. t > 0 is what is missing, as a fraction of the weight; the dual y is the facet of the cone that says so,
+y w <= 0 with y r = -1, the row that the outer program lacks (paper section 4, its split; normalisation our choice).
+"""
+
+from __future__ import annotations
+
+import highspy
+import numpy as np
+
+from robustopt.rows import ContactFamily, evaluate, take, worst_wrench
+
+Array = np.ndarray
+
+VIOLATION = 1e-7
+"""Fraction of the weight by which a wrench may leave the cone: the tolerance of the linear programs."""
+
+ROUNDS = 4
+"""A dual changes which parameters are worst, they may have another dual; two rounds were enough wherever we looked."""
+
+
+class ForceProgram:
+    """The inner program of one contact system; only its right-hand side changes from call to call."""
+
+    def __init__(self, family: ContactFamily) -> None:
+        generators = family.system.generators
+        self.reference = family.system.interior * family.weight
+        force = np.abs(generators[[k for k in range(len(generators)) if k % 6 < 3]]).max()
+        moment = np.abs(generators[[k for k in range(len(generators)) if k % 6 >= 3]]).max()
+        self.scale = np.tile(np.repeat([1.0 / force, 1.0 / moment], 3), len(generators) // 6) / family.weight
+        matrix = np.column_stack([generators * family.weight, -self.reference]) * self.scale[:, None]
+        d, k = matrix.shape
+        model = highspy.HighsLp()
+        model.num_col_, model.num_row_ = k, d
+        model.col_cost_ = np.r_[np.zeros(k - 1), 1.0]
+        model.col_lower_ = np.r_[np.zeros(k - 1), -np.inf]
+        model.col_upper_ = np.full(k, np.inf)
+        model.row_lower_ = model.row_upper_ = np.zeros(d)
+        model.a_matrix_.format_ = highspy.MatrixFormat.kColwise
+        model.a_matrix_.start_ = d * np.arange(k + 1)
+        model.a_matrix_.index_ = np.tile(np.arange(d), k)
+        model.a_matrix_.value_ = matrix.T.ravel()
+        self.highs = highspy.Highs()
+        self.highs.setOptionValue("output_flag", False)
+        self.highs.setOptionValue("presolve", "off")
+        self.highs.setOptionValue("threads", 1)
+        self.highs.passModel(model)
+        self.indices = np.arange(d, dtype=np.int32)
+
+    def solve(self, wrench: Array) -> tuple[float, Array]:
+        """t and the dual row y, (d,), such that y w = t for the wrench w, as a fraction of the weight."""
+        right = wrench * self.scale
+        self.highs.changeRowsBounds(len(right), self.indices, right, right)
+        self.highs.run()
+        dual = np.array(self.highs.getSolution().row_dual) * self.scale
+        return float(dual @ wrench), dual
+
+
+def missing_rows(family: ContactFamily, program: ForceProgram, known: Array, points: Array, u: Array, x: Array) -> tuple[Array, float, int]:
+    """Rows that a timing violates for some value of the parameters, (F, d), the worst violation, and programs solved.
+
+    known: rows (K, d) that the outer program has; they say which parameters are worst to begin with
+    """
+    loads = take(family.loads, points)
+    wrenches = family.wrench(points, u, x)
+    if len(known):
+        values = evaluate(known, loads, np.zeros((0, 0, 3)), np.zeros((0, 0, 0)), u, x)
+        wrenches = worst_wrench(loads, known[np.argmax(values, axis=1)], u, x)
+    found, worst, solved = [], -np.inf, 0
+    duals = np.zeros_like(wrenches)
+    pending = np.arange(len(points))
+    reached = np.full(len(points), -np.inf)
+    for _ in range(ROUNDS):
+        for k in pending:
+            _, duals[k] = program.solve(wrenches[k])
+        solved += len(pending)
+        u_p, x_p = u[pending], x[pending]
+        again = worst_wrench(take(loads, pending), duals[pending], u_p, x_p)
+        value = np.einsum("md,md->m", duals[pending], again)
+        found.append(duals[pending][value > VIOLATION])
+        worst = max(worst, float(value.max(initial=-np.inf)))
+        better = value > reached[pending] + VIOLATION
+        moved = np.abs(again - wrenches[pending]).max(axis=1) > VIOLATION * family.weight
+        reached[pending] = np.maximum(value, reached[pending])
+        wrenches[pending] = again
+        pending = pending[better & moved & (value > -ROBUST_BAND)]
+        if not len(pending):
+            break
+    return _distinct(np.concatenate(found), known), worst, solved
+
+
+ROBUST_BAND = 0.5
+"""Wrenches with more than this fraction of the weight in reserve are not asked for a second opinion."""
+
+
+def _distinct(rows: Array, known: Array) -> Array:
+    """Rows that differ from each other and from the known ones."""
+    if not len(rows):
+        return rows
+    scale = np.abs(rows).max()
+    _, first = np.unique(np.round(rows / scale, 7), axis=0, return_index=True)
+    rows = rows[np.sort(first)]
+    if len(known):
+        close = np.array([np.abs(known - row).max(axis=1).min() <= 1e-7 * scale for row in rows])
+        rows = rows[~close]
+    return rows

@@ -1,0 +1,109 @@
+"""The contract of the solvers: what a plan is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+
+from robustopt.problem import TimeScalingProblem
+
+Array = np.ndarray
+
+ACTIVE_TOLERANCE = 1e-4
+"""A row binds where its value is within this fraction of its limit; solver tolerances are a hundredth of it."""
+
+
+class Status(Enum):
+    """How a solver ended; `sentence` says it to people."""
+
+    SOLVED = "solved"
+    INFEASIBLE = "infeasible"
+    ITERATION_LIMIT = "iteration limit"
+    FAILED = "failed"
+
+    @property
+    def sentence(self) -> str:
+        return {
+            Status.SOLVED: "The plan is the optimum for every value in the intervals.",
+            Status.INFEASIBLE: "No timing of the path satisfies the limits for every value in the intervals.",
+            Status.ITERATION_LIMIT: "The solver reached its iteration limit before the optimum.",
+            Status.FAILED: "The solver stopped without an answer.",
+        }[self]
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A timing of a path.
+
+    s, piece, x: grid points, piece of the path and sd^2, (P,); u: sdd on each interval, (P - 1,), 0 where it has no
+    length; duration [s]; active: names of the limits that bind on each interval; stuck: for an infeasible problem the
+    grid point where no choice is left, else -1; statistics: figures of the solution process
+    """
+
+    status: Status
+    message: str
+    method: str
+    s: Array
+    piece: Array
+    x: Array
+    u: Array
+    duration: float
+    active: tuple[tuple[str, ...], ...]
+    problem: TimeScalingProblem = field(repr=False)
+    statistics: Mapping[str, float]
+    stuck: int = -1
+
+
+def duration_of(ds: Array, x: Array) -> float:
+    """Sum of 2 ds / (sd_i + sd_{i+1}) over the intervals that have a length [s]."""
+    root = np.sqrt(np.maximum(x, 0.0))
+    moving = ds > 0
+    return float(np.sum(2 * ds[moving] / (root[:-1] + root[1:])[moving]))
+
+
+def controls_of(ds: Array, x: Array) -> Array:
+    """u from x_{i+1} = x_i + 2 ds u, (P - 1,); 0 on intervals without length."""
+    return np.divide(np.diff(x), 2 * ds, out=np.zeros(len(ds)), where=ds > 0)
+
+
+def interval_ends(problem: TimeScalingProblem, x: Array, u: Array) -> tuple[Array, Array, Array]:
+    """Grid point, u and x at both ends of every interval that has a length, (M,) each."""
+    moving = np.flatnonzero(problem.ds > 0)
+    points = np.r_[moving, moving + 1]
+    return points, np.r_[u[moving], u[moving]], x[points]
+
+
+def solved_plan(problem: TimeScalingProblem, x: Array, method: str, statistics: Mapping[str, float]) -> Plan:
+    """The plan of a solution x (P,)."""
+    u = controls_of(problem.ds, x)
+    for array in (x, u):
+        array.flags.writeable = False
+    return Plan(
+        Status.SOLVED, Status.SOLVED.sentence, method, problem.s, problem.piece, x, u, duration_of(problem.ds, x),
+        _active(problem, x, u), problem, statistics,
+    )  # fmt: skip
+
+
+def failed_plan(
+    problem: TimeScalingProblem, status: Status, method: str, message: str, stuck: int, statistics: Mapping[str, float]
+) -> Plan:
+    """A plan without a timing."""
+    none = np.zeros(0)
+    return Plan(status, message, method, problem.s, problem.piece, none, none, np.inf, (), problem, statistics, stuck)
+
+
+def _active(problem: TimeScalingProblem, x: Array, u: Array) -> tuple[tuple[str, ...], ...]:
+    """Names of the limits that bind at either end of each interval, in the order of the columns."""
+    at_start = problem.a[:-1] * u[:, None] + problem.b[:-1] * x[:-1, None] + problem.c[:-1] > -ACTIVE_TOLERANCE
+    at_end = problem.a[1:] * u[:, None] + problem.b[1:] * x[1:, None] + problem.c[1:] > -ACTIVE_TOLERANCE
+    binding = (at_start | at_end) & (problem.ds > 0)[:, None]
+    names = [dict.fromkeys(problem.row_names[k] for k in np.flatnonzero(row)) for row in binding]
+    fast = (x >= problem.x_max * (1 - ACTIVE_TOLERANCE)) & (problem.x_max > 0)
+    for i in np.flatnonzero(problem.ds > 0):
+        for k in (i, i + 1):
+            if fast[k]:
+                names[i][problem.x_max_names[k]] = None
+    return tuple(tuple(row) for row in names)

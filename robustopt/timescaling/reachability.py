@@ -1,0 +1,165 @@
+"""Reachability: the minimum-time timing by two passes over the grid, compiled.
+
+Backward: the controllable set of a grid point is the interval of x from which the end can be reached; its ends are two
+linear programs in (u, x), the rows at both ends of the interval and the next controllable set. Forward: from rest
+take the largest u that stays controllable. Let F_i(x) be the largest x_{i+1} that can follow x_i, a concave function.
+Where no F_i decreases before the x_i that the forward pass took, its timing is the pointwise largest, hence optimal.
+In general the largest F_i of all smaller x gives a second pass, an upper bound of every feasible timing, and so a lower
+bound of the duration. Where the two durations differ, the plan is polished by an interior-point method (our choice).
+"""
+
+from __future__ import annotations
+
+import time
+
+import numba as nb
+import numpy as np
+
+from robustopt.problem import TimeScalingProblem
+from robustopt.timescaling.interior_point import polish
+from robustopt.timescaling.plan import Plan, Status, duration_of, failed_plan, solved_plan
+
+Array = np.ndarray
+
+FEASIBILITY = 1e-9
+"""Rows may be violated by this fraction of their limit; what a double-precision vertex of two rows can promise."""
+
+OPTIMALITY_GAP = 1e-6
+"""Fraction of the duration by which the forward pass may be slower than its lower bound before it is polished."""
+
+
+def solve_reachability(problem: TimeScalingProblem) -> Plan:
+    """Minimum-time plan of a problem, or the reason why there is none."""
+    began = time.perf_counter()
+    if not problem.feasible.all():
+        return _stuck(problem, int(np.argmin(problem.feasible)), began)
+    x, bound, stuck = passes(problem.a, problem.b, problem.c, problem.x_max, problem.ds)
+    if stuck >= 0:
+        return _stuck(problem, stuck, began)
+    gap = 1.0 - duration_of(problem.ds, bound) / duration_of(problem.ds, x)
+    polished = gap > OPTIMALITY_GAP
+    if polished:
+        x = polish(problem.a, problem.b, problem.c, problem.x_max, problem.ds, x)
+    statistics = {"solver_seconds": time.perf_counter() - began, "greedy_gap": gap, "polished": float(polished)}
+    return solved_plan(problem, x, "reachability", statistics)
+
+
+def _stuck(problem: TimeScalingProblem, point: int, began: float) -> Plan:
+    statistics = {"solver_seconds": time.perf_counter() - began}
+    return failed_plan(problem, Status.INFEASIBLE, "reachability", Status.INFEASIBLE.sentence, point, statistics)
+
+
+@nb.njit(cache=True)
+def _gather(a, b, c, i, step, A, B, C, m):  # type: ignore[no-untyped-def]
+    """Append the rows of a grid point that are not padding, with u replaced by what it means `step` further on."""
+    for k in range(a.shape[1]):
+        if a[i, k] != 0.0 or b[i, k] != 0.0:
+            A[m] = a[i, k] + step * b[i, k]
+            B[m] = b[i, k]
+            C[m] = c[i, k]
+            m += 1
+        elif c[i, k] > FEASIBILITY:
+            A[m], B[m], C[m] = 0.0, 0.0, c[i, k]
+            m += 1
+    return m
+
+
+@nb.njit(cache=True)
+def _extreme_x(A, B, C, m, x_max, sign):  # type: ignore[no-untyped-def]
+    """Largest (sign 1) or smallest (sign -1) x in [0, x_max] with A u + B x + C <= 0 for some u; nan if there is none.
+
+    Incremental linear programming in two variables (Seidel): a violated row moves the optimum onto its line.
+    """
+    x = x_max if sign > 0 else 0.0
+    u = 0.0
+    for i in range(m):
+        if A[i] * u + B[i] * x + C[i] <= FEASIBILITY * 1e-3:
+            continue
+        norm = A[i] * A[i] + B[i] * B[i]
+        if norm < 1e-300:
+            if C[i] > FEASIBILITY:
+                return np.nan
+            continue
+        u0, x0 = -A[i] * C[i] / norm, -B[i] * C[i] / norm
+        du, dx = -B[i], A[i]
+        low, high = -np.inf, np.inf
+        for j in range(-2, i):
+            if j == -2:
+                slope, rest = dx, x0 - x_max
+            elif j == -1:
+                slope, rest = -dx, -x0
+            else:
+                slope = A[j] * du + B[j] * dx
+                rest = A[j] * u0 + B[j] * x0 + C[j]
+            scale = 1e-13 * norm
+            if slope > scale:
+                high = min(high, -rest / slope)
+            elif slope < -scale:
+                low = max(low, -rest / slope)
+            elif rest > FEASIBILITY:
+                return np.nan
+        if low > high:
+            gap = (low - high) * np.sqrt(norm)
+            if gap > FEASIBILITY * (1.0 + abs(u0) + abs(x0)):
+                return np.nan
+            low = high = 0.5 * (low + high)
+        rising = sign * dx
+        t = high if rising > 0 else (low if rising < 0 else min(max(0.0, low), high))
+        if not np.isfinite(t):
+            t = low if np.isfinite(low) else (high if np.isfinite(high) else 0.0)
+        u, x = u0 + t * du, x0 + t * dx
+    return min(max(x, 0.0), x_max)
+
+
+@nb.njit(cache=True)
+def passes(a, b, c, x_max, ds):  # type: ignore[no-untyped-def]
+    """Backward and forward pass. Returns x (P,), an upper bound of every feasible x (P,), and the grid point where no
+    choice is left, or -1."""
+    P, m = a.shape
+    low, high, x, bound = np.zeros(P), np.zeros(P), np.zeros(P), np.zeros(P)
+    A, B, C = np.empty(2 * m + 4), np.empty(2 * m + 4), np.empty(2 * m + 4)
+    high[P - 1] = x_max[P - 1]
+    for i in range(P - 2, -1, -1):
+        if ds[i] == 0.0:
+            low[i], high[i] = low[i + 1], min(high[i + 1], x_max[i])
+        else:
+            step = 2.0 * ds[i]
+            A[0], B[0], C[0] = step, 1.0, -high[i + 1]
+            A[1], B[1], C[1] = -step, -1.0, low[i + 1]
+            n = _gather(a, b, c, i, 0.0, A, B, C, 2)
+            n = _gather(a, b, c, i + 1, step, A, B, C, n)
+            high[i] = _extreme_x(A, B, C, n, x_max[i], 1)
+            low[i] = _extreme_x(A, B, C, n, x_max[i], -1)
+        if not low[i] <= high[i]:
+            return x, bound, i
+    if low[0] > FEASIBILITY:
+        return x, bound, 0
+    for i in range(P - 1):
+        if ds[i] == 0.0:
+            x[i + 1], bound[i + 1] = x[i], bound[i]
+            continue
+        step = 2.0 * ds[i]
+        n = _gather(a, b, c, i, 0.0, A, B, C, 0)
+        n = _gather(a, b, c, i + 1, step, A, B, C, n)
+        u, decreasing = (high[i + 1] - x[i]) / step, False
+        for k in range(n):
+            if A[k] > 0.0:
+                limit = -(B[k] * x[i] + C[k]) / A[k]
+                if limit < u:
+                    u, decreasing = limit, step * B[k] > A[k]
+        x[i + 1] = min(max(x[i] + step * u, low[i + 1]), high[i + 1])
+        bound[i + 1] = x[i + 1]
+        if decreasing or bound[i] > x[i]:
+            bound[i + 1] = _largest_next(A, B, C, n, step, low[i], bound[i], high[i + 1])
+    return x, bound, -1
+
+
+@nb.njit(cache=True)
+def _largest_next(A, B, C, n, step, low, high, most):  # type: ignore[no-untyped-def]
+    """Largest x + step u <= most with low <= x <= high and A u + B x + C <= 0: the rows in (u, x + step u)."""
+    for k in range(n):
+        A[k] -= step * B[k]
+    A[n], B[n], C[n] = -step, 1.0, -high
+    A[n + 1], B[n + 1], C[n + 1] = step, -1.0, low
+    largest = _extreme_x(A, B, C, n + 2, most, 1)
+    return most if np.isnan(largest) else largest
