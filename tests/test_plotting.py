@@ -17,7 +17,7 @@ from robustopt.config import AccelerationError
 from robustopt.plotting import Utilisation, contacts_figure, house_style, phase_plane, shares_figure, write_figures
 from robustopt.plotting.joints import joint_figures, joint_quantities
 from robustopt.plotting.style import LIMIT_COLOURS, OTHER, limit_colours, percent
-from robustopt.plotting.velocity_limit import maximum_velocity, maximum_x
+from robustopt.plotting.velocity_limit import largest_x, velocity_limits
 from robustopt.trajectory import NO_LIMIT, Trajectory, binding_shares
 
 
@@ -58,6 +58,7 @@ class Problem:
         self.c = np.full_like(self.a, -8.0)
         self.row_names = tuple(f"joint{k + 1} acceleration" for k in range(n)) * 2
         self.feasible = np.ones(self.s.size, dtype=bool)
+        self.rest = np.isin(np.arange(self.s.size), [0, half.size - 1, half.size, self.s.size - 1])
         self.config = SimpleNamespace(name="wave", uncertainty=SimpleNamespace(joint_acceleration=error))
         x_max = np.min((3.0 / np.maximum(np.abs(self.q1), 1e-9)) ** 2, axis=1)
         self.limits = SimpleNamespace(x_max=x_max, torque=self)
@@ -88,7 +89,7 @@ def no_plan():
     """A problem that has no solution for s from 0.2 to 0.3."""
     plan = fastest_plan(2, 40)
     plan.problem.feasible = (plan.s < 0.19) | (plan.s > 0.31)
-    plan.x, plan.u, plan.active, plan.duration = np.empty(0), np.empty(0), (), np.inf
+    plan.x, plan.u, plan.active, plan.duration, plan.stuck = np.empty(0), np.empty(0), (), np.inf, -1
     return plan
 
 
@@ -107,10 +108,17 @@ def _largest_x(s, a, b, c, x_max):
     return linprog(-np.ones(s.size), np.vstack(rows), np.concatenate(bounds), bounds=limits).x
 
 
+def limits_of(rows, x_max=np.inf):
+    """Smallest and largest x at one grid point with `rows` (a, b, c)."""
+    a, b, c = np.array(rows, dtype=float).reshape(-1, 3).T[:, None, :]
+    limits = SimpleNamespace(x_max=np.array([x_max]))
+    low, high = velocity_limits(SimpleNamespace(a=a, b=b, c=c, feasible=np.array([True]), limits=limits))
+    return low[0] ** 2, high[0] ** 2
+
+
 def one_point(rows, x_max=np.inf):
     """Largest x at one grid point with `rows` (a, b, c)."""
-    a, b, c = np.array(rows, dtype=float).reshape(-1, 3).T[:, None, :]
-    return maximum_x(a, b, c, np.array([x_max]))[0]
+    return limits_of(rows, x_max)[1]
 
 
 # maximum-velocity curve, closed forms ---------------------------------------------------------------------------------
@@ -129,12 +137,12 @@ def test_speed_ends_where_the_bounds_of_u_cross():
 
 
 def test_velocity_limit_holds_where_it_is_the_lower_one():
-    assert one_point([(1, 2, -3), (-1, 1, -3)], x_max=1.5) == 1.5
+    assert one_point([(1, 2, -3), (-1, 1, -3)], x_max=1.5) == pytest.approx(1.5, rel=1e-15)
 
 
 def test_rows_that_bound_u_from_one_side_only_leave_the_speed_to_x_max():
-    assert one_point([(1, 2, -3), (2, 5, -3)], x_max=7.0) == 7.0
-    assert one_point([], x_max=7.0) == 7.0
+    assert one_point([(1, 2, -3), (2, 5, -3)], x_max=7.0) == pytest.approx(7.0, rel=1e-15)
+    assert one_point([], x_max=7.0) == pytest.approx(7.0, rel=1e-15)
 
 
 def test_unlimited_speed_is_infinite():
@@ -157,16 +165,20 @@ def test_no_speed_is_nan(rows):
 
 def test_speed_without_standstill_is_found():
     """u >= 1 - x and u <= -1 + x need x >= 1: the tray must move to hold the block."""
-    assert one_point([(-1, -1, 1), (1, -1, 1)], x_max=4.0) == 4.0
-    assert np.isnan(one_point([(-1, -1, 1), (1, -1, 1)], x_max=0.5))
+    assert limits_of([(-1, -1, 1), (1, -1, 1)], x_max=4.0) == pytest.approx((1.0, 4.0), rel=1e-14)
+    assert np.isnan(limits_of([(-1, -1, 1), (1, -1, 1)], x_max=0.5)).all()
 
 
-def test_velocity_is_the_root_of_x():
+def test_robot_may_stand_still_where_no_row_forbids_it():
+    assert limits_of([(1, 2, -3), (-1, 1, -3)]) == pytest.approx((0.0, 2.0), rel=1e-14)
+
+
+def test_point_without_rows_that_hold_has_no_speed():
     problem = SimpleNamespace(
-        a=np.zeros((3, 1)), b=np.ones((3, 1)), c=np.array([[-4.0], [1.0], [-4.0]]),
-        feasible=np.array([True, True, False]), limits=SimpleNamespace(x_max=np.full(3, 9.0)),
+        a=np.zeros((2, 1)), b=np.ones((2, 1)), c=np.full((2, 1), -4.0),
+        feasible=np.array([True, False]), limits=SimpleNamespace(x_max=np.full(2, 9.0)),
     )  # fmt: skip
-    np.testing.assert_array_equal(maximum_velocity(problem), [2.0, np.nan, np.nan])
+    np.testing.assert_array_equal(velocity_limits(problem), [[0.0, np.nan], [2.0, np.nan]])
 
 
 # maximum-velocity curve, oracle ---------------------------------------------------------------------------------------
@@ -178,11 +190,12 @@ def test_curve_agrees_with_a_linear_program_on_random_rows():
     a[rng.random(a.shape) < 0.2] = 0.0
     b[rng.random(b.shape) < 0.2] = 0.0
     c = -rng.random((60, 12)) + 0.3 * (rng.random((60, 1)) < 0.3)
-    x_max = rng.uniform(0.1, 5.0, size=60)
-    found = maximum_x(a, b, c, x_max)
+    lowest = rng.uniform(-3.0, 0.0, size=60)
+    highest = rng.uniform(0.1, 5.0, size=60)
+    found = largest_x(a, b, c, lowest, highest)
     expected = np.full(60, np.nan)
     for k in range(60):
-        result = linprog([0, -1], np.stack([a[k], b[k]], axis=1), -c[k], bounds=[(None, None), (0, x_max[k])])
+        result = linprog([0, -1], np.stack([a[k], b[k]], axis=1), -c[k], bounds=[(None, None), (lowest[k], highest[k])])
         assert result.status in (0, 2)
         expected[k] = result.x[1] if result.status == 0 else np.nan
     assert 5 < np.isnan(expected).sum() < 55
@@ -194,7 +207,7 @@ def test_curve_agrees_with_a_linear_program_on_random_rows():
 
 def test_plan_stays_below_the_curve():
     plan = fastest_plan()
-    assert np.all(np.sqrt(plan.x) <= maximum_velocity(plan.problem) * (1 + 1e-9))
+    assert np.all(np.sqrt(plan.x) <= velocity_limits(plan.problem)[1] * (1 + 1e-9))
 
 
 def test_phase_plane_shows_curve_profile_and_limits():
@@ -203,7 +216,7 @@ def test_phase_plane_shows_curve_profile_and_limits():
     figure = phase_plane(plan, "wave")
     plane, strip = figure.axes
     (curve,) = plane.get_lines()
-    np.testing.assert_array_equal(curve.get_ydata(), maximum_velocity(plan.problem))
+    np.testing.assert_array_equal(curve.get_ydata(), velocity_limits(plan.problem)[1])
     (profile,) = (item for item in plane.collections if isinstance(item, LineCollection))
     ends = np.array([segment[-1] for segment in profile.get_segments()])
     np.testing.assert_allclose(ends, np.stack([plan.s[1:], np.sqrt(plan.x[1:])], axis=1), atol=1e-12)
@@ -241,6 +254,21 @@ def test_phase_plane_of_no_plan_shows_where_no_speed_is_admissible():
     assert labels == ["maximum velocity", "no speed is admissible"]
     area = plane.collections[-1].get_paths()[0].get_extents()
     assert (area.x0, area.x1) == pytest.approx((0.175, 0.325))
+
+
+def test_phase_plane_of_no_plan_shows_stops_where_it_may_not_stand_still():
+    """A row x >= 1 at the last grid point, where the robot must stop."""
+    plan = no_plan()
+    problem, size = plan.problem, plan.s.size
+    problem.a, problem.b = np.hstack([problem.a, np.zeros((size, 1))]), np.hstack([problem.b, np.zeros((size, 1))])
+    problem.c = np.hstack([problem.c, np.full((size, 1), -1.0)])
+    problem.b[-1, -1], problem.c[-1, -1], plan.stuck = -1.0, 1.0, size - 1
+    (plane,) = phase_plane(plan, "").axes
+    lines = {line.get_label(): line.get_xydata() for line in plane.get_lines()}
+    assert set(lines) == {"maximum velocity", "minimum velocity", "must stop, may not stand still", "no choice left"}
+    np.testing.assert_array_equal(lines["must stop, may not stand still"], [[1.0, 0.0]])
+    assert lines["minimum velocity"][-1] == pytest.approx([1.0, 1.0])
+    assert lines["no choice left"][0, 0] == 1.0
 
 
 def test_joint_quantities_are_the_trajectory_just_inside_each_interval():

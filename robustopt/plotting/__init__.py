@@ -15,7 +15,7 @@ from robustopt.plotting.bars import Utilisation, contacts_figure, shares_figure
 from robustopt.plotting.joints import joint_figures
 from robustopt.plotting.phase_plane import phase_plane
 from robustopt.plotting.style import house_style, save
-from robustopt.plotting.velocity_limit import maximum_velocity
+from robustopt.plotting.velocity_limit import velocity_limits
 from robustopt.trajectory import binding_shares
 
 if TYPE_CHECKING:
@@ -28,9 +28,9 @@ __all__ = [
     "figures",
     "house_style",
     "joint_figures",
-    "maximum_velocity",
     "phase_plane",
     "shares_figure",
+    "velocity_limits",
     "write_figures",
 ]
 

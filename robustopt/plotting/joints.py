@@ -48,13 +48,13 @@ class Quantity:
     robust_upper: Array | None = None
 
     def shrunk_limits(self, joint: int) -> list[Array]:
-        """Robust limits of a joint that are not simply its limits, each of shape (M,)."""
+        """Robust limits of a joint that lie inside its limits most of the time, each of shape (M,).
+
+        Where a joint turns round, dry friction takes both signs: that alone shrinks the torque limits for a moment.
+        """
         pairs = ((self.robust_lower, self.lower[joint]), (self.robust_upper, self.upper[joint]))
-        return [
-            robust[:, joint]
-            for robust, limit in pairs
-            if robust is not None and not np.allclose(robust[:, joint], limit)
-        ]
+        shown = [(robust[:, joint], limit) for robust, limit in pairs if robust is not None]
+        return [robust for robust, limit in shown if not np.isclose(np.median(robust), limit)]
 
 
 def joint_figures(plan: Plan, title: str) -> list[Figure]:
@@ -157,15 +157,15 @@ def _draw(axes: Axes, times: Array, quantity: Quantity, joint: int, binds: NDArr
     axes.add_collection(LineCollection(list(intervals[binds]), capstyle="butt", zorder=3, **BINDING))
     axes.set_xlim(times[0], times[-1])
     axes.locator_params(axis="x", nbins=4)
-    _scale_to_limits(axes, float(quantity.lower[joint]), float(quantity.upper[joint]))
+    _scale_to_limits(axes, float(quantity.lower[joint]), float(quantity.upper[joint]), value)
 
 
-def _scale_to_limits(axes: Axes, lower: float, upper: float) -> None:
-    """Show the whole range between the limits, with ticks at these and at zero where it is not too close to one."""
+def _scale_to_limits(axes: Axes, lower: float, upper: float, value: Array) -> None:
+    """Show the limits and what lies beyond them; ticks at the limits, and at zero where it is not close to one."""
     span = upper - lower
     if not np.isfinite(span):
         axes.locator_params(axis="y", nbins=3)
         return
     ticks = [lower, upper] + [0.0] * (lower + 0.15 * span < 0.0 < upper - 0.15 * span)
-    axes.set_ylim(lower - 0.08 * span, upper + 0.08 * span)
+    axes.set_ylim(min(lower, float(value.min())) - 0.08 * span, max(upper, float(value.max())) + 0.08 * span)
     axes.set_yticks(ticks, [f"{tick:.3g}".replace("-", "\N{MINUS SIGN}") for tick in ticks])

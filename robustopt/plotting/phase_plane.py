@@ -1,4 +1,4 @@
-"""Phase plane (s, sd): the plan under the maximum-velocity curve, coloured by the limit that binds."""
+"""Phase plane (s, sd): the plan between the velocity limit curves, coloured by the limit that binds."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from robustopt.plotting.style import GREY, INK, OTHER, PALE, VERMILLION, limit_colours, percent
-from robustopt.plotting.velocity_limit import maximum_velocity
+from robustopt.plotting.velocity_limit import velocity_limits
 from robustopt.trajectory import NO_LIMIT, binding_shares
 
 if TYPE_CHECKING:
@@ -27,15 +27,17 @@ PIECES_PER_INTERVAL = 8
 
 
 def phase_plane(plan: Plan, title: str) -> Figure:
-    """Figure of sd over s with the maximum-velocity curve, above a strip per limit that shows where it binds.
+    """Figure of sd over s with the velocity limit curves, above a strip per limit that shows where it binds.
 
     The profile has the colour of the limit that binds there; where several do, of the one with the largest share of
-    the duration. The strips show them all. A plan that was not found leaves the curve, and where it has no value.
+    the duration. The strips show them all. A plan that was not found leaves the curves, and shows where no speed is
+    admissible, where the robot must stop although it may not stand still, and where the solver had no choice left.
     """
     if plan.x.size == 0:
         figure = Figure(figsize=(9, 4))
         plane = figure.subplots()
-        _draw_velocity_limit(plane, plan.problem, top=None)
+        _draw_velocity_limits(plane, plan.problem, top=None)
+        _draw_conflict(plane, plan)
         plane.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
         plane.set_xlabel("position along the path, s [1]")
     else:
@@ -55,30 +57,58 @@ def _with_strips(plan: Plan) -> Figure:
     figure = Figure(figsize=(9, height))
     plane, strip = figure.subplots(2, 1, sharex=True, height_ratios=[height - 0.24 * len(strips), 0.24 * len(strips)])
     sd = np.sqrt(np.maximum(plan.x, 0.0))
-    _draw_velocity_limit(plane, plan.problem, top=float(sd.max()))
+    _draw_velocity_limits(plane, plan.problem, top=float(sd.max()))
     _draw_profile(plane, plan, shares, colours)
     _draw_legend(plane, [colours[name] for name in shares][:3])
     _draw_strips(strip, plan, strips, shares, colours)
     return figure
 
 
-def _draw_velocity_limit(plane: Axes, problem: TimeScalingProblem, top: float | None) -> None:
-    """The curve, the region above it, and the places where no speed is admissible."""
-    limit = maximum_velocity(problem)
-    drawn = np.where(np.isinf(limit), np.nan, limit)
-    highest = float(np.nanmax(drawn, initial=0.0)) or 1.0
-    lowest = float(np.nanmin(drawn, initial=highest))
-    ceiling = 1.05 * highest if top is None else max(1.15 * top, min(1.05 * highest, max(1.6 * top, 1.3 * lowest)))
-    shown = np.minimum(np.where(np.isinf(limit), 2 * ceiling, limit), 2 * ceiling)
+def _draw_velocity_limits(plane: Axes, problem: TimeScalingProblem, top: float | None) -> None:
+    """The curves, the region outside of them, and the places where no speed is admissible.
+
+    top: largest sd of the plan, which the picture is about; None shows all of the curves
+    """
+    low, high = velocity_limits(problem)
+    ceiling = _ceiling(high, top)
+    shown = np.minimum(high, 2 * ceiling)
     plane.fill_between(problem.s, shown, 2 * ceiling, color=PALE, linewidth=0)
     plane.plot(problem.s, shown, color=INK, linewidth=1.0, label="maximum velocity")
-    impossible = np.isnan(limit)
+    if np.nanmax(low, initial=0.0) > 0:
+        plane.fill_between(problem.s, low, color=PALE, linewidth=0)
+        plane.plot(problem.s, low, color=INK, linewidth=1.0, linestyle="--", label="minimum velocity")
+    impossible = np.isnan(high)
     if impossible.any():
         plane.fill_between(
             problem.s, 0, 1, where=_widened(impossible), transform=plane.get_xaxis_transform(),
             color=VERMILLION, alpha=0.35, linewidth=0, label="no speed is admissible",
         )  # fmt: skip
     plane.set_ylim(0, ceiling)
+
+
+def _ceiling(high: Array, top: float | None) -> float:
+    """Largest sd in the picture: all of the plan and some of the curve, however far above the plan it rises."""
+    finite = high[np.isfinite(high)]
+    highest = float(finite.max(initial=0.0)) or 1.0
+    if top is None:
+        return 1.05 * highest
+    lowest = float(finite.min(initial=highest))
+    return max(1.15 * top, min(1.05 * highest, max(1.6 * top, 1.3 * lowest)))
+
+
+def _draw_conflict(plane: Axes, plan: Plan) -> None:
+    """Stops at which the robot may not stand still, and the grid point where the solver had no choice left."""
+    low, _ = velocity_limits(plan.problem)
+    stops = plan.problem.rest & (low > 0)
+    if stops.any():
+        plane.plot(
+            plan.problem.s[stops], np.zeros(stops.sum()), "o", color=VERMILLION, clip_on=False, zorder=4,
+            label="must stop, may not stand still",
+        )  # fmt: skip
+    if plan.stuck >= 0:
+        plane.axvline(
+            plan.problem.s[plan.stuck], color=VERMILLION, linewidth=1.4, linestyle=":", label="no choice left"
+        )
 
 
 def _widened(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
