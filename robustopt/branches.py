@@ -1,4 +1,4 @@
-"""One joint path for a tray path: branches of the inverse kinematics are followed, and the best one is chosen.
+"""From a tray path to joint paths: branches of the inverse kinematics, followed, ranked and fitted by splines.
 
 A branch starts at one solution of the first pose and follows it by continuation. Among the branches that stay within
 the joint limits the best has the arm high ("elbow up") and far from its limits (our choice).
@@ -9,7 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import BSpline, make_interp_spline
+from scipy.spatial.transform import Rotation
 
+from robustopt.config import PathTolerance
 from robustopt.inverse_kinematics import solve_from_everywhere, solve_pose
 from robustopt.robot import Robot
 from robustopt.tray_path import TrayPath
@@ -18,14 +21,34 @@ SPACING = 0.04
 """Distance of the poses along which branches are followed [m of sigma]."""
 FEWEST_SAMPLES = 12
 """Fewest intervals of a piece, however short."""
-LONGEST_JUMP = 0.35
+LONGEST_STEP = 0.35
 """Longest joint step between poses that counts as following a branch [rad or m]; longer ones are halved."""
-HALVINGS = 6
-"""How often a step is halved before the branch counts as ended: at a singularity or the end of the reach."""
+FASTEST = 70.0
+"""Fastest change of a joint with sigma that counts as following a branch [rad/m]: where it is faster, a joint at
+7 rad/s would let the tray creep at 0.1 m/s, at a singularity or in a jump to another branch."""
+MOST_SAMPLES = 4096
+"""Most samples of one piece: a path that needs more passes next to a singularity."""
+SPLINE_DEGREE = 5
+"""Degree of the splines through the samples, so that their second derivatives are smooth."""
+SHORTEST_STEP = 0.0005
+"""Steps are halved down to this length before the branch counts as ended [m of sigma]."""
+MOST_BRANCHES = 16
+"""Most branches that are followed: all of an arm of six joints."""
 CLEARANCE_WEIGHT = 0.2
 """Height of the arm's centre of mass that outweighs being at a joint limit instead of mid-range [m]."""
+FOLLOWING_ITERATIONS = 8
+"""Iterations from one pose to the next: from so near, convergence is quadratic or not to be had."""
 RETURN = 0.02
 """Share by which a redundant arm drifts back to its first posture at every sample, so that it does not wander."""
+
+
+class BranchLostError(Exception):
+    """The joint path cannot be had at `sigma` [m], for a `reason` in words."""
+
+    def __init__(self, sigma: float, reason: str) -> None:
+        super().__init__(reason)
+        self.sigma = sigma
+        self.reason = reason
 
 
 @dataclass(frozen=True)
@@ -60,7 +83,8 @@ def samples(path: TrayPath) -> np.ndarray:
 def follow_branches(robot: Robot, path: TrayPath, start: np.ndarray | None) -> list[Branch]:
     """Branches of the inverse kinematics along the path, best first; the one near `start` (n,) only, if that is given.
 
-    The list is empty if no solution of the first pose was found.
+    An arm that has no spare joints has few; of those of a redundant arm `MOST_BRANCHES` are followed. The list is empty
+    if no solution of the first pose was found.
     """
     position, rotation = (value[0] for value in path.pose(np.zeros(1)))
     if start is not None:
@@ -68,7 +92,8 @@ def follow_branches(robot: Robot, path: TrayPath, start: np.ndarray | None) -> l
     else:
         solutions = solve_from_everywhere(robot, position, rotation)
     sigma = samples(path)
-    branches = [follow_branch(robot, path, sigma, solution.q) for solution in solutions if solution.converged]
+    starts = [solution.q for solution in solutions if solution.converged]
+    branches = [follow_branch(robot, path, sigma, q) for q in starts[:MOST_BRANCHES]]
     return sorted(branches, key=lambda branch: (branch.usable, len(branch.q), branch.score), reverse=True)
 
 
@@ -81,8 +106,8 @@ def follow_branch(robot: Robot, path: TrayPath, sigma: np.ndarray, start: np.nda
         guess = q[-1] if i == 1 else 2 * q[-1] - q[-2]
         if robot.n > 6:
             guess = guess + RETURN * (q[0] - guess)
-        solution = solve_pose(robot, positions[i], rotations[i], guess, iterations=8)
-        if solution.converged and np.abs(solution.q - q[-1]).max() < LONGEST_JUMP:
+        solution = solve_pose(robot, positions[i], rotations[i], guess, iterations=FOLLOWING_ITERATIONS)
+        if solution.converged and np.abs(solution.q - q[-1]).max() < LONGEST_STEP:
             q.append(solution.q)
             continue
         reached, ended_at = _follow_in_small_steps(robot, path, q[-1], float(sigma[i - 1]), float(sigma[i]))
@@ -90,24 +115,73 @@ def follow_branch(robot: Robot, path: TrayPath, sigma: np.ndarray, start: np.nda
             break
         q.append(reached)
     followed = _turned_into_limits(robot, np.array(q))
-    clearance = _clearance(robot, followed)
+    violation, clearance = _limit_distances(robot, followed)
     height = float(np.mean(robot.center_of_mass(followed) @ robot.up))
-    return Branch(sigma, followed, ended_at, -clearance.worst, height + CLEARANCE_WEIGHT * clearance.share)
+    return Branch(sigma, followed, ended_at, violation, height + CLEARANCE_WEIGHT * clearance)
+
+
+def fit_branch(robot: Robot, path: TrayPath, branch: Branch, tolerance: PathTolerance) -> list[BSpline]:
+    """Splines q(s), s = sigma / length, one for each piece of the path, that follow the tray path within `tolerance`.
+
+    Raises BranchLostError where that takes more than `MOST_SAMPLES`, or the inverse kinematics leaves the branch.
+    """
+    pieces = []
+    for start, end in zip(path.breaks[:-1], path.breaks[1:], strict=True):
+        inside = (branch.sigma >= start) & (branch.sigma <= end)
+        sigma, q = branch.sigma[inside], branch.q[inside]
+        while True:
+            spline = make_interp_spline(sigma / path.length, q, k=SPLINE_DEGREE)
+            between = (sigma[1:] + sigma[:-1]) / 2
+            guess = spline(between / path.length)
+            distance, angle = _deviation(robot, path, between, guess)
+            if max(distance.max() / tolerance.position, angle.max() / tolerance.angle) < 1:
+                break
+            if len(sigma) > MOST_SAMPLES:
+                worst = float(between[np.argmax(distance / tolerance.position + angle / tolerance.angle)])
+                raise BranchLostError(worst, f"{MOST_SAMPLES} samples do not reach path.tolerance, near a singularity")
+            q = _interleave(q, _corrected(robot, path, between, guess))
+            sigma = _interleave(sigma, between)
+        pieces.append(spline)
+    return pieces
+
+
+def _deviation(robot: Robot, path: TrayPath, sigma: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Distance [m] and angle [rad] (P,) of the tray at `q` (P, n) from the tray path."""
+    position, rotation = robot.tray_pose(q)
+    wanted_position, wanted_rotation = path.pose(sigma)
+    difference = Rotation.from_matrix(wanted_rotation.transpose(0, 2, 1) @ rotation)
+    return np.linalg.norm(position - wanted_position, axis=1), difference.magnitude()
+
+
+def _corrected(robot: Robot, path: TrayPath, sigma: np.ndarray, guess: np.ndarray) -> np.ndarray:
+    """Solutions of the inverse kinematics at `sigma` (P,), next to the `guess` (P, n)."""
+    q = np.empty_like(guess)
+    for i, (position, rotation) in enumerate(zip(*path.pose(sigma), strict=True)):
+        solution = solve_pose(robot, position, rotation, guess[i], iterations=FOLLOWING_ITERATIONS)
+        if not solution.converged or np.abs(solution.q - guess[i]).max() > LONGEST_STEP:
+            raise BranchLostError(float(sigma[i]), "the arm would have to jump, near a singularity")
+        q[i] = solution.q
+    return q
+
+
+def _interleave(outer: np.ndarray, inner: np.ndarray) -> np.ndarray:
+    both = np.empty((len(outer) + len(inner), *outer.shape[1:]))
+    both[0::2], both[1::2] = outer, inner
+    return both
 
 
 def _follow_in_small_steps(
     robot: Robot, path: TrayPath, q: np.ndarray, sigma: float, target: float
 ) -> tuple[np.ndarray, float | None]:
     """Follow the branch from `sigma` to `target`, halving steps as needed; where it ended, or None."""
-    smallest = (target - sigma) / 2**HALVINGS
     step = (target - sigma) / 2
-    while sigma < target:
-        following = min(sigma + step, target)
-        position, rotation = (value[0] for value in path.pose(np.array([following])))
-        solution = solve_pose(robot, position, rotation, q, iterations=8)
-        if solution.converged and np.abs(solution.q - q).max() < LONGEST_JUMP * step / (target - sigma + step):
-            q, sigma = solution.q, following
-        elif step > smallest:
+    while target - sigma > 1e-12:
+        step = min(step, target - sigma)
+        position, rotation = (value[0] for value in path.pose(np.array([sigma + step])))
+        solution = solve_pose(robot, position, rotation, q, iterations=FOLLOWING_ITERATIONS)
+        if solution.converged and np.abs(solution.q - q).max() < min(LONGEST_STEP, FASTEST * step):
+            q, sigma = solution.q, sigma + step
+        elif step > SHORTEST_STEP:
             step /= 2
         else:
             return q, sigma
@@ -122,16 +196,10 @@ def _turned_into_limits(robot: Robot, q: np.ndarray) -> np.ndarray:
     return q + np.where(robot.hinges, 2 * np.pi * turns, 0.0)
 
 
-@dataclass(frozen=True)
-class _Clearance:
-    """Smallest distance from a joint limit: `worst` [rad or m] and as a share of half the joint's range."""
-
-    worst: float
-    share: float
-
-
-def _clearance(robot: Robot, q: np.ndarray) -> _Clearance:
+def _limit_distances(robot: Robot, q: np.ndarray) -> tuple[float, float]:
+    """How far `q` (S, n) leaves the joint limits at worst, and the smallest distance from one in half joint ranges."""
     distance = np.minimum(q - robot.limits.lower, robot.limits.upper - q).min(axis=0)
     half_range = (robot.limits.upper - robot.limits.lower) / 2
-    share = np.where(np.isfinite(half_range), distance / np.where(np.isfinite(half_range), half_range, 1.0), 1.0)
-    return _Clearance(float(distance.min()), float(share.min()))
+    limited = np.isfinite(half_range)
+    share = np.where(limited, distance / np.where(limited, half_range, 1.0), 1.0)
+    return float(-distance.min()), float(share.min())

@@ -21,7 +21,7 @@ DAMPING = 0.1
 LONGEST_STEP = 0.5
 """Longest joint step of one iteration [rad or m]: the linearisation does not reach further."""
 SEEDS = 64
-"""Starts from which the first pose is solved: a 6-joint arm has up to 16 solutions, found with a few starts each."""
+"""Starts from which a pose is solved: an arm of 6 joints has up to 16 solutions, mostly 8, each found from a few."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ def solve_from_everywhere(robot: Robot, position: np.ndarray, rotation: np.ndarr
     The starts are a Halton sequence without scrambling: the same in every run.
     """
     solutions: list[Solution] = []
-    for seed in _seeds(robot):
+    for seed in spread(robot, SEEDS):
         solution = solve_pose(robot, position, rotation, seed)
         if not any(_same(robot, solution, other) for other in solutions):
             solutions.append(solution)
@@ -72,7 +72,7 @@ def rotation_vector(R: np.ndarray) -> np.ndarray:
     x, y, z = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
     sine, cosine = math.sqrt(x * x + y * y + z * z) / 2, (R[0, 0] + R[1, 1] + R[2, 2] - 1) / 2
     if sine < 1e-4 and cosine < 0:
-        return np.asarray(Rotation.from_matrix(R).as_rotvec())
+        return np.asarray(Rotation.from_matrix(R).as_rotvec(), dtype=float)
     scale = math.atan2(sine, cosine) / (2 * sine) if sine > 1e-9 else 0.5
     return np.array((x * scale, y * scale, z * scale))
 
@@ -84,10 +84,11 @@ def _damped_step(J: np.ndarray, error: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.solve(J.T @ J + damping * np.eye(J.shape[1]), J.T @ error))
 
 
-def _seeds(robot: Robot) -> np.ndarray:
+def spread(robot: Robot, count: int) -> np.ndarray:
+    """Joint positions spread over the joint ranges, unlimited joints over a full turn, shape (count, n)."""
     lower = np.maximum(robot.limits.lower, -np.pi)
     upper = np.minimum(robot.limits.upper, np.pi)
-    return lower + (upper - lower) * halton(SEEDS, robot.n)
+    return lower + (upper - lower) * halton(count, robot.n)
 
 
 def halton(count: int, dimensions: int) -> np.ndarray:

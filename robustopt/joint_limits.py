@@ -96,9 +96,7 @@ def _torque(model: mujoco.MjModel) -> np.ndarray:
             and model.actuator_trnid[actuator, 0] == joint
         ]
         if len(driving) == 1 and model.actuator_forcelimited[driving[0]]:
-            limits[joint] = abs(model.actuator_gear[driving[0], 0]) * _symmetric(
-                model.actuator_forcerange[driving[0]]
-            )
+            limits[joint] = abs(model.actuator_gear[driving[0], 0]) * _symmetric(model.actuator_forcerange[driving[0]])
     return np.where(limits > 0, limits, np.nan)
 
 

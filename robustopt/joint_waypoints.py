@@ -39,10 +39,7 @@ def joint_waypoints(config: Config, joint_names: tuple[str, ...]) -> np.ndarray:
     repeated = np.flatnonzero(np.abs(np.diff(waypoints, axis=0)).max(axis=1) < SAME_POSITION)
     if len(repeated):
         raise PathError(
-            [
-                ConfigProblem(f"{KEY}[{i + 1}]", f"repeats joints[{i}]; leave one of them out")
-                for i in repeated.tolist()
-            ]
+            [ConfigProblem(f"{KEY}[{i + 1}]", f"repeats joints[{i}]; leave one of them out") for i in repeated.tolist()]
         )
     return waypoints
 
@@ -60,7 +57,8 @@ def _read_csv(config: Config, name: str, joint_names: tuple[str, ...]) -> list[l
         header = rows.pop(0)
         if sorted(header) != sorted(joint_names):
             raise PathError(
-                f"{file}: the columns are {', '.join(header)}; they must be the joints {', '.join(joint_names)}", key=KEY
+                f"{file}: the columns are {', '.join(header)}; they must be the joints {', '.join(joint_names)}",
+                key=KEY,
             )
         columns = [header.index(joint) for joint in joint_names]
     values = []
@@ -68,7 +66,9 @@ def _read_csv(config: Config, name: str, joint_names: tuple[str, ...]) -> list[l
         wrong = [cell for cell in row if not _is_number(cell)]
         if wrong:
             raise PathError(f"{file}, waypoint {i}: {wrong[0]!r} is not a finite number", key=KEY)
-        values.append([float(row[column]) for column in columns] if len(row) == len(columns) else [float("nan")] * len(row))
+        values.append(
+            [float(row[column]) for column in columns] if len(row) == len(columns) else [float("nan")] * len(row)
+        )
     return values
 
 

@@ -6,25 +6,26 @@ The path is C2 on each piece; between two pieces the robot stops. s is proportio
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
-from scipy.interpolate import BSpline, CubicSpline, PPoly, make_interp_spline
+from scipy.interpolate import BSpline, CubicSpline
 
-from robustopt.branches import Branch, follow_branches
+from robustopt.branches import Branch, BranchLostError, fit_branch, follow_branches
+from robustopt.collision import CollisionCheck
 from robustopt.config import Config, PathTolerance
-from robustopt.errors import ConfigProblem, PathError
-from robustopt.inverse_kinematics import rotation_vector, solve_from_everywhere, solve_pose
+from robustopt.errors import PathError
 from robustopt.joint_waypoints import joint_waypoints
+from robustopt.reach import WAYS_OUT, branch_problems, limit_sentence, start_position
 from robustopt.robot import Robot
-from robustopt.tray_path import TrayPath, tray_path
+from robustopt.tray_path import TrayPath, label, tray_path
 
-MOST_SAMPLES = 8192
-"""Most samples of one piece: a path that needs more passes a singularity."""
-SPLINE_DEGREE = 5
-"""Degree of the splines through the inverse kinematics: their second derivatives are smooth."""
+CHECK_STEP = 0.02
+"""Largest joint step between the positions that are checked for limits and collisions [rad or m]: 2 cm at 1 m."""
+LIMIT_TOLERANCE = 1e-6
+"""How far a joint may be beyond its limit [rad or m]: a waypoint on the limit is allowed."""
 
-Spline = BSpline | CubicSpline | PPoly
+Spline = BSpline | CubicSpline
 
 
 class Path:
@@ -46,16 +47,17 @@ class Path:
         """Derivative of `order` (0 to 3) of q at `s` (P,), each on the given `piece` (P,), shape (P, n)."""
         s, piece = np.asarray(s, dtype=float), np.asarray(piece)
         s = np.clip(s, self.breaks[piece], self.breaks[piece + 1])
-        first = self._derivatives[int(piece[0])][order](s)
-        for k in range(len(self._derivatives)):
+        if len(self._derivatives) == 1:
+            return np.asarray(self._derivatives[0][order](s))
+        values = np.empty((len(s), self._derivatives[0][0](0.0).shape[-1]))
+        for k, derivatives in enumerate(self._derivatives):
             chosen = piece == k
-            if k != piece[0] and chosen.any():
-                first[chosen] = self._derivatives[k][order](s[chosen])
-        return np.asarray(first)
+            values[chosen] = derivatives[order](s[chosen])
+        return values
 
     def __call__(self, s: np.ndarray, order: int = 0) -> np.ndarray:
         """Derivative of `order` (0 to 3) of q at `s` (P,), shape (P, n); at a stop that of the piece behind it."""
-        s = np.asarray(s, dtype=float)
+        s = np.atleast_1d(np.asarray(s, dtype=float))
         return self.evaluate(s, self.piece_at(s), order)
 
     def piece_at(self, s: np.ndarray) -> np.ndarray:
@@ -64,13 +66,7 @@ class Path:
 
     def label(self, s: float) -> str:
         """Where `s` is, in the configuration's words, e.g. "between tray_poses[1] and tray_poses[2], at 40 %"."""
-        nearest = int(np.argmin(np.abs(self.waypoints - s)))
-        if abs(self.waypoints[nearest] - s) < 1e-9:
-            return f"at {self._noun}[{nearest}]"
-        after = int(np.clip(np.searchsorted(self.waypoints, s), 1, len(self.waypoints) - 1))
-        start, end = self.waypoints[after - 1 : after + 1]
-        share = round(100 * float(np.clip((s - start) / (end - start), 0, 1)))
-        return f"between {self._noun}[{after - 1}] and {self._noun}[{after}], at {share} %"
+        return label(self.waypoints, s, self._noun)
 
 
 def build_path(config: Config, robot: Robot) -> Path:
@@ -79,8 +75,15 @@ def build_path(config: Config, robot: Robot) -> Path:
     Raises PathError if a pose is out of reach, a joint limit is left, a branch ends or jumps, or bodies collide.
     """
     if config.path.joints is not None:
-        return _joint_path(config, robot)
-    return _tray_path(config, robot)
+        return _first_sound([_joint_path(config, robot)], config, robot, "path.joints")
+    tray = tray_path(config.path)
+    start = start_position(config, robot)
+    branches = follow_branches(robot, tray, start)
+    usable = [branch for branch in branches if branch.usable]
+    if not usable:
+        raise PathError(branch_problems(robot, tray, branches, start))
+    paths = (_tray_joint_path(robot, tray, branch, config.path.tolerance) for branch in usable)
+    return _first_sound(paths, config, robot, "path.tray_poses")
 
 
 def _joint_path(config: Config, robot: Robot) -> Path:
@@ -90,45 +93,54 @@ def _joint_path(config: Config, robot: Robot) -> Path:
     return Path([CubicSpline(s, waypoints)], np.array([0.0, 1.0]), s, "joints")
 
 
-def _tray_path(config: Config, robot: Robot) -> Path:
-    tray = tray_path(config.path)
-    start = None if config.path.start is None else np.array(config.path.start)
-    branches = follow_branches(robot, tray, start)
-    if not branches or not branches[0].usable:
-        raise PathError("unreachable", key="path.tray_poses")
-    return _fit(robot, tray, branches[0], config.path.tolerance)
+def _tray_joint_path(robot: Robot, tray: TrayPath, branch: Branch, tolerance: PathTolerance) -> Path | str:
+    waypoints = tray.start / tray.length
+    try:
+        pieces = fit_branch(robot, tray, branch, tolerance)
+    except BranchLostError as error:
+        return f"{tray.label(error.sigma)}: {error.reason}; {WAYS_OUT}"
+    return Path(pieces, tray.breaks / tray.length, waypoints, "tray_poses")
 
 
-def _fit(robot: Robot, tray: TrayPath, branch: Branch, tolerance: PathTolerance) -> Path:
-    pieces = []
-    for start, end in zip(tray.breaks[:-1], tray.breaks[1:], strict=True):
-        inside = (branch.sigma >= start) & (branch.sigma <= end)
-        pieces.append(_fit_piece(robot, tray, branch.sigma[inside], branch.q[inside], tolerance))
-    return Path(pieces, tray.breaks / tray.length, tray.start / tray.length, "tray_poses")
+def _first_sound(paths: Iterable[Path | str], config: Config, robot: Robot, key: str) -> Path:
+    """The first path that stays within the joint limits and does not collide; if there is none, an error about the first.
+
+    A path that could not be made is a sentence that says why.
+    """
+    check = CollisionCheck(config, robot) if config.robot.collision.check else None
+    objections = []
+    for path in paths:
+        objection = path if isinstance(path, str) else _objection(path, robot, check)
+        if isinstance(path, Path) and objection is None:
+            return path
+        objections.append(objection)
+    others = f" (the {len(objections) - 1} other ways to move the arm fail too)" if len(objections) > 1 else ""
+    raise PathError(f"{objections[0]}{others}", key=key)
 
 
-def _fit_piece(
-    robot: Robot, tray: TrayPath, sigma: np.ndarray, q: np.ndarray, tolerance: PathTolerance
-) -> BSpline:
-    """Spline through solutions of the inverse kinematics, as many as it takes to stay within the tolerance."""
-    while True:
-        spline = make_interp_spline(sigma / tray.length, q, k=SPLINE_DEGREE)
-        middle = (sigma[1:] + sigma[:-1]) / 2
-        guess = spline(middle / tray.length)
-        position, rotation = robot.tray_pose(guess)
-        wanted_position, wanted_rotation = tray.pose(middle)
-        distance = np.linalg.norm(position - wanted_position, axis=1).max()
-        angle = max(np.linalg.norm(rotation_vector(R @ S.T)) for R, S in zip(rotation, wanted_rotation, strict=True))
-        if distance < tolerance.position and angle < tolerance.angle:
-            return spline
-        if len(sigma) > MOST_SAMPLES:
-            raise PathError("singular", key="path.tray_poses")
-        solutions = [solve_pose(robot, p, R, g) for p, R, g in zip(wanted_position, wanted_rotation, guess, strict=True)]
-        q = _interleave(q, np.array([solution.q for solution in solutions]))
-        sigma = _interleave(sigma, middle)
+def _objection(path: Path, robot: Robot, check: CollisionCheck | None) -> str | None:
+    """What is wrong with the path: the first joint limit it leaves or the first collision, in a sentence; or None."""
+    s = _dense(path)
+    q = path(s)
+    beyond = np.maximum(robot.limits.lower - q, q - robot.limits.upper)
+    outside = np.flatnonzero(beyond.max(axis=1) > LIMIT_TOLERANCE)
+    if len(outside):
+        worst = int(outside[np.argmax(beyond[outside].max(axis=1))])
+        return f"{path.label(s[worst])}: {limit_sentence(robot, q[worst])}"
+    collision = None if check is None else check.first(q)
+    if collision is None:
+        return None
+    first, second = collision.bodies
+    return (
+        f"{path.label(s[collision.index])}: {first} and {second} collide, {1000 * collision.depth:.1f} mm deep; "
+        f"change the path or the mounting, or, if they may touch, add [{first}, {second}] to robot.collision.exclude"
+    )
 
 
-def _interleave(outer: np.ndarray, inner: np.ndarray) -> np.ndarray:
-    both = np.empty((len(outer) + len(inner), *outer.shape[1:]))
-    both[0::2], both[1::2] = outer, inner
-    return both
+def _dense(path: Path) -> np.ndarray:
+    """Points of the path that are checked: joints move by at most `CHECK_STEP` from one to the next."""
+    s = np.linspace(0.0, 1.0, 201)
+    longest = np.abs(np.diff(path(s), axis=0)).max(axis=1)
+    counts = np.ceil(longest / CHECK_STEP).astype(int).clip(min=1)
+    steps = [np.linspace(a, b, count, endpoint=False) for a, b, count in zip(s[:-1], s[1:], counts, strict=True)]
+    return np.concatenate([*steps, [1.0]])

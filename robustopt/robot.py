@@ -49,12 +49,15 @@ class ArmDynamics:
 class Robot:
     """An arm with `n` joints that carries a tray.
 
-    `hinges` (n,): whether a joint turns (or slides). `up` (3,): unit vector against gravity, world. `notes`: what of the
-    model file was left out.
+    `hinges` (n,): whether a joint turns (or slides). `up` (3,): unit vector against gravity, world. `spec`: the links
+    without actuators, to be copied and added to. `notes`: what of the model file was left out.
     """
 
-    def __init__(self, model: mujoco.MjModel, limits: JointLimits, notes: tuple[str, ...] = ()) -> None:
+    def __init__(
+        self, spec: mujoco.MjSpec, model: mujoco.MjModel, limits: JointLimits, notes: tuple[str, ...] = ()
+    ) -> None:
         _switch_off_all_but_the_links(model)
+        self.spec = spec
         self.joint_names = joint_names(model)
         self.n = model.nv
         self.limits = limits
@@ -161,7 +164,7 @@ def load_robot(config: Config) -> Robot:
         spec.delete(item)
     spec.option.gravity = config.gravity
     model = compile_spec(spec, robot.file)
-    return Robot(model, joint_limits(config, robot, joint_names(model)), robot.notes)
+    return Robot(spec, model, joint_limits(config, robot, joint_names(model)), robot.notes)
 
 
 def _switch_off_all_but_the_links(model: mujoco.MjModel) -> None:

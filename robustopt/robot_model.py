@@ -96,8 +96,8 @@ def load_model(config: Config) -> RobotModel:
     original = compile_spec(spec, file)
     _require_hinges_and_slides(original, file)
     _attach_tray(spec, original, config, file)
-    _place_base(spec, config.robot.base)
     _lock_joints(spec, original, config, file)
+    _place_base(spec, config.robot.base)
     return RobotModel(spec=spec, original=original, file=file, urdf_limits=limits, notes=notes)
 
 
@@ -173,7 +173,8 @@ def _lock_joints(spec: mujoco.MjSpec, original: mujoco.MjModel, config: Config, 
                 f"the body {body.name} of {file.name} moves in several joints; lock {', '.join(moving)} too, or none",
                 key="robot.locked",
             )
-        body.set_frame(None)
+        if body.frame is not None:
+            body.set_frame(body.parent.add_frame())
         body.pos, body.quat = _pose_in_parent(original, data, original.body(body.name).id)
         body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
     for name in locked:

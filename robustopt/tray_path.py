@@ -65,17 +65,30 @@ class TrayPath:
         corner = self._nearest_corner(sigma)
         before, after = np.maximum(corner - 1, 0), np.minimum(corner, len(self.velocity) - 1)
         alpha, beta = _corner_lengths(sigma - self.start[corner], self.blend[corner])
-        position = (
-            self.position[corner] + alpha[:, None] * self.velocity[before] + beta[:, None] * self.velocity[after]
-        )
+        position = self.position[corner] + alpha[:, None] * self.velocity[before] + beta[:, None] * self.velocity[after]
         turned = Rotation.from_rotvec(alpha[:, None] * self.turn[before]) * Rotation.from_rotvec(
             beta[:, None] * self.turn[after]
         )
         return position, self.rotation[corner] @ turned.as_matrix()
 
+    def label(self, sigma: float) -> str:
+        """Where `sigma` is, in the configuration's words, e.g. "between tray_poses[1] and tray_poses[2], at 40 %"."""
+        return label(self.start, sigma, "tray_poses")
+
     def _nearest_corner(self, sigma: np.ndarray) -> np.ndarray:
         middle = (self.start[1:] + self.start[:-1]) / 2
         return np.searchsorted(middle, sigma)
+
+
+def label(waypoints: np.ndarray, s: float, noun: str) -> str:
+    """Where `s` is among the `waypoints` (W,), which the configuration lists as `noun`."""
+    nearest = int(np.argmin(np.abs(waypoints - s)))
+    if abs(waypoints[nearest] - s) < 1e-9:
+        return f"at {noun}[{nearest}]"
+    after = int(np.clip(np.searchsorted(waypoints, s), 1, len(waypoints) - 1))
+    start, end = waypoints[after - 1 : after + 1]
+    share = round(100 * float(np.clip((s - start) / (end - start), 0, 1)))
+    return f"between {noun}[{after - 1}] and {noun}[{after}], at {share} %"
 
 
 def tray_path(path: PathConfig) -> TrayPath:
@@ -89,9 +102,7 @@ def tray_path(path: PathConfig) -> TrayPath:
     position = np.array([pose.position for pose in poses])
     rotation = np.array([orientation(pose) for pose in poses])
     angle = Rotation.from_matrix(rotation[:-1].transpose(0, 2, 1) @ rotation[1:]).as_rotvec()
-    length = np.hypot(
-        np.linalg.norm(np.diff(position, axis=0), axis=1), TURN_LENGTH * np.linalg.norm(angle, axis=1)
-    )
+    length = np.hypot(np.linalg.norm(np.diff(position, axis=0), axis=1), TURN_LENGTH * np.linalg.norm(angle, axis=1))
     _check_segments(length, angle)
     velocity, turn = np.diff(position, axis=0) / length[:, None], angle / length[:, None]
     blend, stops = _corners(velocity, turn, length, path.blend)
