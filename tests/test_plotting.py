@@ -61,7 +61,8 @@ class Problem:
         self.rest = np.isin(np.arange(self.s.size), [0, half.size - 1, half.size, self.s.size - 1])
         self.config = SimpleNamespace(name="wave", uncertainty=SimpleNamespace(joint_acceleration=error))
         x_max = np.min((3.0 / np.maximum(np.abs(self.q1), 1e-9)) ** 2, axis=1)
-        self.limits = SimpleNamespace(x_max=x_max, torque=self)
+        self.facets = ()
+        self.limits = SimpleNamespace(x_max=x_max, torque=self, contacts=())
 
     def torques(self, u, x):
         return self.q1 * u[:, None] + self.q2 * x[:, None] + 5.0
@@ -111,8 +112,8 @@ def _largest_x(s, a, b, c, x_max):
 def limits_of(rows, x_max=np.inf):
     """Smallest and largest x at one grid point with `rows` (a, b, c)."""
     a, b, c = np.array(rows, dtype=float).reshape(-1, 3).T[:, None, :]
-    limits = SimpleNamespace(x_max=np.array([x_max]))
-    low, high = velocity_limits(SimpleNamespace(a=a, b=b, c=c, feasible=np.array([True]), limits=limits))
+    limits = SimpleNamespace(x_max=np.array([x_max]), contacts=())
+    low, high = velocity_limits(SimpleNamespace(a=a, b=b, c=c, feasible=np.array([True]), limits=limits, facets=()))
     return low[0] ** 2, high[0] ** 2
 
 
@@ -176,7 +177,7 @@ def test_robot_may_stand_still_where_no_row_forbids_it():
 def test_point_without_rows_that_hold_has_no_speed():
     problem = SimpleNamespace(
         a=np.zeros((2, 1)), b=np.ones((2, 1)), c=np.full((2, 1), -4.0),
-        feasible=np.array([True, False]), limits=SimpleNamespace(x_max=np.full(2, 9.0)),
+        feasible=np.array([True, False]), facets=(), limits=SimpleNamespace(x_max=np.full(2, 9.0), contacts=()),
     )  # fmt: skip
     np.testing.assert_array_equal(velocity_limits(problem), [[0.0, np.nan], [2.0, np.nan]])
 
@@ -265,10 +266,10 @@ def test_phase_plane_of_no_plan_shows_stops_where_it_may_not_stand_still():
     problem.b[-1, -1], problem.c[-1, -1], plan.stuck = -1.0, 1.0, size - 1
     (plane,) = phase_plane(plan, "").axes
     lines = {line.get_label(): line.get_xydata() for line in plane.get_lines()}
-    assert set(lines) == {"maximum velocity", "minimum velocity", "must stop, may not stand still", "no choice left"}
+    assert set(lines) == {"maximum velocity", "minimum velocity", "must stop, may not stand still", "conflict at s = 1"}
     np.testing.assert_array_equal(lines["must stop, may not stand still"], [[1.0, 0.0]])
     assert lines["minimum velocity"][-1] == pytest.approx([1.0, 1.0])
-    assert lines["no choice left"][0, 0] == 1.0
+    assert lines["conflict at s = 1"][0, 0] == 1.0
 
 
 def test_joint_quantities_are_the_trajectory_just_inside_each_interval():

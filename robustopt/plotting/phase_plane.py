@@ -31,7 +31,7 @@ def phase_plane(plan: Plan, title: str) -> Figure:
 
     The profile has the colour of the limit that binds there; where several do, of the one with the largest share of
     the duration. The strips show them all. A plan that was not found leaves the curves, and shows where no speed is
-    admissible, where the robot must stop although it may not stand still, and where the solver had no choice left.
+    admissible, where the robot must stop although it may not stand still, and where the solver found the conflict.
     """
     if plan.x.size == 0:
         figure = Figure(figsize=(9, 4))
@@ -97,7 +97,7 @@ def _ceiling(high: Array, top: float | None) -> float:
 
 
 def _draw_conflict(plane: Axes, plan: Plan) -> None:
-    """Stops at which the robot may not stand still, and the grid point where the solver had no choice left."""
+    """Stops at which the robot may not stand still, and the grid point where the solver found the conflict."""
     low, _ = velocity_limits(plan.problem)
     stops = plan.problem.rest & (low > 0)
     if stops.any():
@@ -106,9 +106,8 @@ def _draw_conflict(plane: Axes, plan: Plan) -> None:
             label="must stop, may not stand still",
         )  # fmt: skip
     if plan.stuck >= 0:
-        plane.axvline(
-            plan.problem.s[plan.stuck], color=VERMILLION, linewidth=1.4, linestyle=":", label="no choice left"
-        )
+        s = plan.problem.s[plan.stuck]
+        plane.axvline(s, color=VERMILLION, linewidth=1.4, linestyle=":", label=f"conflict at s = {s:.3g}")
 
 
 def _widened(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -28,7 +28,9 @@ def velocity_limits(problem: TimeScalingProblem) -> tuple[Array, Array]:
     They are the roots of the smallest and the largest x >= 0 for which some u satisfies a u + b x + c <= 0 with the
     joint velocities within their limits. The smallest is 0 where the robot may stand still; the largest is infinite
     where nothing limits it. Stops do not count: this is what the limits allow, not where the robot must stand.
+    Contacts whose cone has no known facets count with the rows that the solver added: an outer bound.
     """
+    problem = _with_all_facets(problem)
     a, b, c = problem.a, problem.b, problem.c
     highest = np.minimum(problem.limits.x_max, UNBOUNDED)
     rest = np.zeros_like(highest)
@@ -38,6 +40,16 @@ def velocity_limits(problem: TimeScalingProblem) -> tuple[Array, Array]:
     most = np.where(most >= 0.5 * UNBOUNDED, np.inf, most)
     low, high = (np.sqrt(np.where(possible, x, np.nan)) for x in (np.maximum(least, 0.0), most))
     return low, high
+
+
+def _with_all_facets(problem: TimeScalingProblem) -> TimeScalingProblem:
+    """The problem with all facets of its contact cones: a solver may have added only those that its plans violated."""
+    contacts = problem.limits.contacts
+    facets = [None if family.system.facets is None else family.system.facets / family.weight for family in contacts]
+    if all(full is None or len(full) <= len(rows) for full, rows in zip(facets, problem.facets, strict=True)):
+        return problem
+    pairs = zip(facets, problem.facets, strict=True)
+    return problem.with_facets(tuple(rows if full is None else full for full, rows in pairs))
 
 
 def largest_x(a: Array, b: Array, c: Array, lowest: Array, highest: Array) -> Array:
