@@ -59,6 +59,7 @@ __all__ = [
     "dump",
     "load_config",
     "located",
+    "resolved",
     "with_values",
 ]
 
@@ -96,16 +97,18 @@ def with_values(config: Config, values: Mapping[str, Any]) -> Config:
 
 
 def dump(config: Config) -> str:
-    """YAML that `load_config` reads as an equal configuration, wherever the file is put.
+    """YAML that `load_config` reads as an equal configuration, wherever the file is put; floats read back exactly."""
+    return write_yaml(resolved(config))
 
-    Every key with its value, defaults included; file names are absolute; floats read back exactly.
-    """
-    data = _plain(config.model_dump(exclude_none=True))
+
+def resolved(config: Config) -> dict[str, Any]:
+    """Every key with its value as plain data, defaults included; names of files are absolute."""
+    data: dict[str, Any] = _plain(config.model_dump(exclude_none=True))
     if _is_file(config):
         data["robot"]["model"] = _absolute(config, config.robot.model)
     if isinstance(config.path.joints, str):
         data["path"]["joints"] = _absolute(config, config.path.joints)
-    return write_yaml(data)
+    return data
 
 
 def _is_file(config: Config) -> bool:
