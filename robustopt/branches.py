@@ -150,7 +150,7 @@ def _deviation(robot: Robot, path: TrayPath, sigma: np.ndarray, q: np.ndarray) -
     position, rotation = robot.tray_pose(q)
     wanted_position, wanted_rotation = path.pose(sigma)
     difference = Rotation.from_matrix(wanted_rotation.transpose(0, 2, 1) @ rotation)
-    return np.linalg.norm(position - wanted_position, axis=1), difference.magnitude()
+    return np.linalg.norm(position - wanted_position, axis=1), np.asarray(difference.magnitude())
 
 
 def _corrected(robot: Robot, path: TrayPath, sigma: np.ndarray, guess: np.ndarray) -> np.ndarray:

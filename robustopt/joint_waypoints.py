@@ -63,12 +63,12 @@ def _read_csv(config: Config, name: str, joint_names: tuple[str, ...]) -> list[l
         columns = [header.index(joint) for joint in joint_names]
     values = []
     for i, row in enumerate(rows):
+        if len(row) != len(columns):
+            raise PathError(f"{file}, waypoint {i}: has {len(row)} values, where others have {len(columns)}", key=KEY)
         wrong = [cell for cell in row if not _is_number(cell)]
         if wrong:
             raise PathError(f"{file}, waypoint {i}: {wrong[0]!r} is not a finite number", key=KEY)
-        values.append(
-            [float(row[column]) for column in columns] if len(row) == len(columns) else [float("nan")] * len(row)
-        )
+        values.append([float(row[column]) for column in columns])
     return values
 
 

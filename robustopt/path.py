@@ -103,9 +103,9 @@ def _tray_joint_path(robot: Robot, tray: TrayPath, branch: Branch, tolerance: Pa
 
 
 def _first_sound(paths: Iterable[Path | str], config: Config, robot: Robot, key: str) -> Path:
-    """The first path that stays within the joint limits and does not collide; if there is none, an error about the first.
+    """The first path that stays within the joint limits and does not collide.
 
-    A path that could not be made is a sentence that says why.
+    A path that could not be made is a sentence that says why. If none is sound, the error is about the first.
     """
     check = CollisionCheck(config, robot) if config.robot.collision.check else None
     objections = []

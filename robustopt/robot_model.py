@@ -144,8 +144,9 @@ def _place_base(spec: mujoco.MjSpec, base: Pose) -> None:
 
 
 def _require_hinges_and_slides(model: mujoco.MjModel, file: Path) -> None:
-    kinds = {mujoco.mjtJoint.mjJNT_FREE: "free", mujoco.mjtJoint.mjJNT_BALL: "ball"}
-    wrong = [f"{kinds[kind]} joint {model.joint(i).name!r}" for i, kind in enumerate(model.jnt_type) if kind in kinds]
+    other = {int(mujoco.mjtJoint.mjJNT_FREE): "free", int(mujoco.mjtJoint.mjJNT_BALL): "ball"}
+    kinds = [other.get(int(kind)) for kind in model.jnt_type]
+    wrong = [f"{kind} joint {model.joint(i).name!r}" for i, kind in enumerate(kinds) if kind]
     if wrong or model.njnt == 0:
         found = ", ".join(wrong) or "no joint"
         raise RobotError(f"{file.name} has {found}; a robot has hinge and slide joints only", key="robot.model")

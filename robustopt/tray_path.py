@@ -53,7 +53,7 @@ class TrayPath:
     @property
     def breaks(self) -> np.ndarray:
         """Sigma of the stops, both ends included, shape (K+1,) [m]."""
-        return self.start[self.stops]
+        return np.asarray(self.start[self.stops])
 
     def pose(self, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Tray frame in the world at `sigma` (P,): position (P, 3) [m] and rotation (P, 3, 3).

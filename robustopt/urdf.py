@@ -53,10 +53,7 @@ def read_urdf(file: Path, resolve_package: Callable[[str], Path | None]) -> tupl
 
 
 def _mesh_file(name: str, folder: Path, resolve_package: Callable[[str], Path | None]) -> Path | None:
-    if name.startswith("package://"):
-        file = resolve_package(name)
-    else:
-        file = folder / name.removeprefix("file://")
+    file = resolve_package(name) if name.startswith("package://") else folder / name.removeprefix("file://")
     if file is None or not file.is_file() or file.suffix.lower() not in MESH_FORMATS:
         return None
     return file.resolve()
@@ -75,7 +72,8 @@ def _set_compiler(root: ET.Element) -> None:
 
 def _limits(root: ET.Element) -> UrdfLimits:
     """Limits as written; zero or less stands for a limit that was not filled in."""
-    velocity, effort = {}, {}
+    velocity: dict[str, float] = {}
+    effort: dict[str, float] = {}
     for joint in root.iter("joint"):
         limit, name = joint.find("limit"), joint.get("name")
         if limit is None or name is None:

@@ -1,0 +1,407 @@
+"""Robot: model files, limits and the dynamics along a path."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from robustopt.config import Config
+from robustopt.errors import RobotError
+from robustopt.robot import Robot, load_robot
+
+FIXTURES = Path(__file__).parent / "fixtures"
+TRAY = {"size": [0.3, 0.3, 0.01], "mass": 1.0}
+G = 9.81
+
+
+def make_config(robot: dict[str, Any], tray: dict[str, Any] | None = None, **more: Any) -> Config:
+    path = {"tray_poses": [{"position": [0.0, 0.0, 0.0]}, {"position": [1.0, 0.0, 0.0]}]}
+    return Config.model_validate(
+        {"name": "test", "robot": robot, "tray": TRAY | (tray or {}), "path": path, "folder": FIXTURES, **more}
+    )
+
+
+def load(robot: dict[str, Any], tray: dict[str, Any] | None = None, **more: Any) -> Robot:
+    return load_robot(make_config(robot, tray, **more))
+
+
+PENDULUM = {"model": "double_pendulum.xml", "tool": "tip"}
+TX90L = {"model": "tx90l"}
+
+
+@pytest.fixture(scope="module")
+def tx90l() -> Robot:
+    return load(TX90L, {"pose": {"position": [0.0, 0.02, 0.18], "rpy": [0.1, -1.5, 0.2]}})
+
+
+def random_motion(robot: Robot, count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    lower, upper = np.maximum(robot.limits.lower, -3), np.minimum(robot.limits.upper, 3)
+    return (
+        rng.uniform(lower, upper, (count, robot.n)),
+        rng.normal(size=(count, robot.n)),
+        rng.normal(size=(count, robot.n)),
+    )
+
+
+def pendulum_dynamics(q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mass matrix, velocity-product torque and gravity torque of the fixture, in closed form."""
+    m1, m2, l1, c1, c2, i1, i2, armature = 1.5, 0.8, 0.5, 0.3, 0.2, 0.05, 0.02, 0.02
+    cos2, sin2 = np.cos(q[1]), np.sin(q[1])
+    inertia_2 = i2 + m2 * c2**2
+    coupling = inertia_2 + m2 * l1 * c2 * cos2
+    mass = np.array(
+        [[i1 + m1 * c1**2 + inertia_2 + m2 * (l1**2 + 2 * l1 * c2 * cos2) + armature, coupling], [coupling, inertia_2]]
+    )
+    h = m2 * l1 * c2 * sin2
+    velocity = np.array([-h * (2 * qd[0] * qd[1] + qd[1] ** 2), h * qd[0] ** 2])
+    second = m2 * c2 * np.sin(q[0] + q[1])
+    gravity = G * np.array([(m1 * c1 + m2 * l1) * np.sin(q[0]) + second, second])
+    return mass, velocity, gravity
+
+
+def test_double_pendulum_has_its_closed_form_dynamics() -> None:
+    robot = load(PENDULUM)
+    q, q1, q2 = random_motion(robot, 20)
+    found = robot.dynamics(q, q1, q2)
+    for i in range(20):
+        mass, velocity, gravity = pendulum_dynamics(q[i], q1[i])
+        np.testing.assert_allclose(found.mass_matrix[i], mass, atol=1e-12)
+        np.testing.assert_allclose(found.tau_u[i], mass @ q1[i], atol=1e-12)
+        np.testing.assert_allclose(found.tau_x[i], mass @ q2[i] + velocity, atol=1e-12)
+        np.testing.assert_allclose(found.tau_0[i], gravity, atol=1e-12)
+
+
+def test_double_pendulum_has_its_closed_form_kinematics() -> None:
+    robot = load(PENDULUM)
+    q, q1, q2 = random_motion(robot, 20)
+    found = robot.dynamics(q, q1, q2)
+    first, both = q[:, 0], q.sum(axis=1)
+    zero = np.zeros(20)
+    tip = np.stack([-0.5 * np.sin(first) - 0.4 * np.sin(both), zero, -0.5 * np.cos(first) - 0.4 * np.cos(both)], axis=1)
+    np.testing.assert_allclose(found.position, tip, atol=1e-12)
+    np.testing.assert_allclose(found.rotation, Rotation.from_rotvec(np.outer(both, [0, 1, 0])).as_matrix(), atol=1e-12)
+    np.testing.assert_allclose(found.gravity, np.stack([G * np.sin(both), zero, -G * np.cos(both)], axis=1), atol=1e-12)
+    # centripetal: the tip is pulled towards the elbow at the total rate, the elbow towards the shoulder at its own
+    rate, total = q1[:, 0], q1.sum(axis=1)
+    world = np.stack(
+        [0.5 * rate**2 * np.sin(first) + 0.4 * total**2 * np.sin(both), zero,
+         0.5 * rate**2 * np.cos(first) + 0.4 * total**2 * np.cos(both)], axis=1
+    )  # fmt: skip
+    np.testing.assert_allclose(np.einsum("pij,pj->pi", found.rotation, found.bias[:, :3]), world, atol=1e-12)
+    np.testing.assert_allclose(found.bias[:, 3:], 0.0, atol=1e-12)
+
+
+PUBLISHED_FRAMES = [  # rotation of the child in the parent, row-major, and position [m], as published with the TX90L
+    ([0, 1, 0, -1, 0, 0, 0, 0, 1], (-0.0248, 0.0, 0.242)),
+    ([0, 0, -1, 1, 0, 0, 0, -1, 0], (-0.16, 0.05, 0.23)),
+    ([1, 0, 0, 0, -1, 0, 0, 0, -1], (-0.0001, -0.5, 0.0)),
+    ([1, 0, 0, 0, 0, 1, 0, -1, 0], (-0.0002, 0.156, 0.11)),
+    ([1, 0, 0, 0, 0, -1, 0, 1, 0], (0.0008, 0.0305, 0.3952)),
+    ([1, 0, 0, 0, 0, 1, 0, -1, 0], (0.0, 0.095, 0.0305)),
+]
+
+
+def test_tx90l_has_the_published_frames_and_limits() -> None:
+    robot = load(TX90L)
+    q, _, _ = random_motion(robot, 20)
+    positions, rotations = robot.tray_pose(q)
+    for qi, position, rotation in zip(q, positions, rotations, strict=True):
+        R, p = np.eye(3), np.zeros(3)
+        for (rows, offset), angle in zip(PUBLISHED_FRAMES, qi, strict=True):
+            p = p + R @ np.array(offset)
+            R = R @ np.reshape(rows, (3, 3)) @ Rotation.from_rotvec([0, 0, angle]).as_matrix()
+        np.testing.assert_allclose(position, p, atol=1e-12)
+        np.testing.assert_allclose(rotation, R, atol=1e-12)
+    limits = robot.limits
+    np.testing.assert_allclose(np.rad2deg(limits.lower), [-179, -147.5, -145, -179, -140, -179])
+    np.testing.assert_allclose(np.rad2deg(limits.upper), [179, 130, 145, 179, 115, 179])
+    np.testing.assert_allclose(np.rad2deg(limits.velocity), [400, 400, 430, 540, 475, 760])
+    np.testing.assert_allclose(np.rad2deg(limits.acceleration), 400)
+    np.testing.assert_allclose(limits.torque, [800, 600, 400, 100, 50, 20])
+    np.testing.assert_allclose(limits.dry_friction, [5, 5, 3, 1, 0.1, 0.1])
+    np.testing.assert_allclose(limits.viscous_friction, [100, 100, 70, 40, 5, 0.5])
+
+
+def test_tray_is_mounted_at_its_pose_in_the_tool_frame() -> None:
+    flange = load(TX90L)
+    mounted = load(TX90L, {"pose": {"position": [0.1, 0.2, 0.3], "rpy": [0.0, -np.pi / 2, 0.0]}})
+    q, _, _ = random_motion(flange, 5)
+    position, rotation = flange.tray_pose(q)
+    tray_position, tray_rotation = mounted.tray_pose(q)
+    np.testing.assert_allclose(tray_position, position + rotation @ [0.1, 0.2, 0.3], atol=1e-12)
+    np.testing.assert_allclose(tray_rotation[:, :, 2], -rotation[:, :, 0], atol=1e-12)  # normal = -x of the flange
+
+
+def test_a_body_can_be_the_tool() -> None:
+    by_site, by_body = load(TX90L), load(TX90L | {"tool": "link6"})
+    q, _, _ = random_motion(by_site, 3)
+    np.testing.assert_array_equal(by_site.tray_pose(q)[0], by_body.tray_pose(q)[0])
+
+
+def test_jacobian_is_the_derivative_of_the_tray_pose(tx90l: Robot) -> None:
+    q, q1, q2 = random_motion(tx90l, 5)
+    found = tx90l.dynamics(q, q1, q2)
+    h = 1e-6
+    for joint in range(tx90l.n):
+        step = h * np.eye(tx90l.n)[joint]
+        (p_after, R_after), (p_before, R_before) = tx90l.tray_pose(q + step), tx90l.tray_pose(q - step)
+        linear = (p_after - p_before) / (2 * h)
+        angular = Rotation.from_matrix(R_before.transpose(0, 2, 1) @ R_after).as_rotvec() / (2 * h)
+        into_tray = found.rotation.transpose(0, 2, 1)
+        np.testing.assert_allclose(found.jacobian[:, :3, joint], np.einsum("pij,pj->pi", into_tray, linear), atol=1e-8)
+        np.testing.assert_allclose(found.jacobian[:, 3:, joint], angular, atol=1e-8)
+
+
+def test_bias_completes_the_acceleration_of_the_tray(tx90l: Robot) -> None:
+    q, q1, q2 = random_motion(tx90l, 5)
+    found = tx90l.dynamics(q, q1, q2)
+
+    def world_velocity(t: float) -> np.ndarray:
+        moved = tx90l.dynamics(q + t * q1 + t**2 / 2 * q2, q1 + t * q2, q2)
+        velocity = np.einsum("pij,pj->pi", moved.jacobian, q1 + t * q2)
+        return np.hstack([np.einsum("pij,pj->pi", moved.rotation, part) for part in (velocity[:, :3], velocity[:, 3:])])
+
+    h = 1e-5
+    acceleration = (world_velocity(h) - world_velocity(-h)) / (2 * h)
+    expected = np.einsum("pij,pj->pi", found.jacobian, q2) + found.bias
+    for part in (slice(0, 3), slice(3, 6)):
+        in_world = np.einsum("pij,pj->pi", found.rotation, expected[:, part])
+        np.testing.assert_allclose(in_world, acceleration[:, part], atol=1e-7)
+
+
+def test_tray_jacobian_of_one_point_agrees_with_the_dynamics(tx90l: Robot) -> None:
+    q, q1, q2 = random_motion(tx90l, 3)
+    found = tx90l.dynamics(q, q1, q2)
+    position, rotation, jacobian = tx90l.tray_jacobian(q[1])
+    np.testing.assert_allclose(position, found.position[1], atol=1e-14)
+    np.testing.assert_allclose(rotation.T @ jacobian[:3], found.jacobian[1, :3], atol=1e-13)
+    np.testing.assert_allclose(rotation.T @ jacobian[3:], found.jacobian[1, 3:], atol=1e-13)
+
+
+@given(seed=st.integers(0, 10_000))
+@settings(max_examples=25, deadline=None)
+def test_the_torque_does_the_work_that_the_kinetic_energy_takes(seed: int) -> None:
+    """d/ds (q'^T M q' / 2) = q'^T (M q'' + C q'): the velocity products do no work of their own (passivity)."""
+    robot = load(TX90L)
+    q, q1, q2 = random_motion(robot, 1, seed)
+    h = 1e-6
+
+    def energy(t: float) -> float:
+        velocity = q1 + t * q2
+        moved = robot.dynamics(q + t * q1 + t**2 / 2 * q2, velocity, q2)
+        return float(velocity[0] @ moved.mass_matrix[0] @ velocity[0] / 2)
+
+    power = float(q1[0] @ robot.dynamics(q, q1, q2).tau_x[0])
+    assert power == pytest.approx((energy(h) - energy(-h)) / (2 * h), rel=1e-5, abs=1e-5)
+
+
+def test_the_torque_at_rest_is_the_gradient_of_the_potential_energy(tx90l: Robot) -> None:
+    q, q1, q2 = random_motion(tx90l, 4)
+    weight, h = float(tx90l.spec.compile().body_mass.sum()) * G, 1e-6
+    tau_0 = tx90l.dynamics(q, q1, q2).tau_0
+    for joint, step in enumerate(h * np.eye(6)):
+        rise = (tx90l.center_of_mass(q + step) - tx90l.center_of_mass(q - step))[:, 2] / (2 * h)
+        np.testing.assert_allclose(tau_0[:, joint], weight * rise, atol=1e-5)
+
+
+def test_mass_matrix_is_symmetric_and_positive(tx90l: Robot) -> None:
+    mass = tx90l.dynamics(*random_motion(tx90l, 50)).mass_matrix
+    np.testing.assert_allclose(mass, mass.transpose(0, 2, 1), atol=1e-12)
+    assert np.linalg.eigvalsh(mass).min() > 0
+
+
+def test_results_do_not_depend_on_what_was_asked_before(tx90l: Robot) -> None:
+    q, q1, q2 = random_motion(tx90l, 6)
+    together = tx90l.dynamics(q, q1, q2)
+    tx90l.tray_pose(q[::-1])
+    alone = tx90l.dynamics(q[4:5], q1[4:5], q2[4:5])
+    np.testing.assert_array_equal(together.tau_x[4], alone.tau_x[0])
+    np.testing.assert_array_equal(together.bias[4], alone.bias[0])
+    with pytest.raises(ValueError, match="read-only"):
+        together.tau_0[0] = 0.0
+
+
+def test_a_spring_in_a_joint_counts_as_torque(tmp_path: Path) -> None:
+    text = (FIXTURES / "double_pendulum.xml").read_text()
+    (tmp_path / "sprung.xml").write_text(
+        text.replace('axis="0 1 0" range="-2 2"', 'axis="0 1 0" range="-2 2" stiffness="3" springref="0.1"')
+    )
+    plain, sprung = load(PENDULUM), load({"model": "sprung.xml", "tool": "tip"}, folder=tmp_path)
+    q, q1, q2 = random_motion(plain, 5)
+    one, other = plain.dynamics(q, q1, q2), sprung.dynamics(q, q1, q2)
+    np.testing.assert_allclose(other.tau_0[:, 1] - one.tau_0[:, 1], 3 * (q[:, 1] - 0.1), atol=1e-12)
+    np.testing.assert_allclose(other.tau_x, one.tau_x, atol=1e-12)
+
+
+def test_turning_the_base_is_turning_gravity_the_other_way() -> None:
+    turn = Rotation.from_euler("xyz", [0.3, -0.7, 1.1])
+    turned = load(TX90L | {"base": {"position": [1.0, 2.0, 3.0], "rpy": [0.3, -0.7, 1.1]}})
+    level = load(TX90L, gravity=turn.inv().apply([0, 0, -G]).tolist())
+    motion = random_motion(level, 6)
+    one, other = turned.dynamics(*motion), level.dynamics(*motion)
+    np.testing.assert_allclose(one.tau_0, other.tau_0, atol=1e-10)
+    np.testing.assert_allclose(one.tau_x, other.tau_x, atol=1e-10)
+    np.testing.assert_allclose(one.gravity, other.gravity, atol=1e-12)
+    np.testing.assert_allclose(one.jacobian, other.jacobian, atol=1e-12)
+    np.testing.assert_allclose(one.position, other.position @ turn.as_matrix().T + [1, 2, 3], atol=1e-12)
+
+
+def test_locked_joints_hold_their_position() -> None:
+    free = load(TX90L)
+    locked = load(TX90L | {"locked": {"joint3": 1.2, "joint6": -0.4}, "base": {"rpy": [0.0, 0.0, 0.5]}})
+    assert locked.joint_names == ("joint1", "joint2", "joint4", "joint5")
+    free = load(TX90L | {"base": {"rpy": [0.0, 0.0, 0.5]}})
+    q, q1, q2 = random_motion(free, 6)
+    moving = [0, 1, 3, 4]
+    q[:, [2, 5]], q1[:, [2, 5]], q2[:, [2, 5]] = [1.2, -0.4], 0.0, 0.0
+    one = locked.dynamics(q[:, moving], q1[:, moving], q2[:, moving])
+    other = free.dynamics(q, q1, q2)
+    np.testing.assert_allclose(one.tau_x, other.tau_x[:, moving], atol=1e-10)
+    np.testing.assert_allclose(one.tau_0, other.tau_0[:, moving], atol=1e-10)
+    np.testing.assert_allclose(one.position, other.position, atol=1e-12)
+    np.testing.assert_allclose(one.rotation, other.rotation, atol=1e-12)
+    np.testing.assert_array_equal(locked.limits.torque, [800, 600, 100, 50])
+
+
+def test_limits_come_from_the_file_and_the_configuration_overrides_them() -> None:
+    limits = load(PENDULUM).limits
+    np.testing.assert_array_equal(limits.velocity, [5, 6])
+    np.testing.assert_array_equal(limits.acceleration, [50, 60])
+    np.testing.assert_array_equal(limits.torque, [20, 10])  # the elbow's from its motor: gear 5, force 2
+    np.testing.assert_array_equal(limits.dry_friction, [0.3, 0.1])
+    changes = {"all": {"velocity": 1.0, "viscous_friction": 0.0}, "elbow": {"velocity": 2.0, "position": [-0.5, 0.5]}}
+    changed = load(PENDULUM | {"limits": changes}).limits
+    np.testing.assert_array_equal(changed.velocity, [1, 2])
+    np.testing.assert_array_equal(changed.viscous_friction, [0, 0])
+    np.testing.assert_array_equal(changed.lower, [-3, -0.5])
+    np.testing.assert_array_equal(changed.upper, [3, 0.5])
+    with pytest.raises(ValueError, match="read-only"):
+        limits.torque[0] = 1e9
+
+
+def test_joint_friction_can_be_left_out() -> None:
+    limits = load(TX90L | {"joint_friction": False}).limits
+    assert not limits.dry_friction.any()
+    assert not limits.viscous_friction.any()
+
+
+URDF = {"model": "two_links.urdf", "tool": "tool"}
+URDF_LIMITS = {"all": {"acceleration": 5.0}, "slide": {"velocity": 0.7}}
+
+
+def test_urdf_carries_limits_and_joint_friction() -> None:
+    robot = load(URDF | {"limits": URDF_LIMITS})
+    assert robot.joint_names == ("hinge", "slide")
+    np.testing.assert_array_equal(robot.hinges, [True, False])
+    np.testing.assert_array_equal(robot.limits.lower, [-2, 0])
+    np.testing.assert_array_equal(robot.limits.upper, [2.5, 0.3])
+    np.testing.assert_array_equal(robot.limits.velocity, [3, 0.7])
+    np.testing.assert_array_equal(robot.limits.torque, [40, 60])
+    np.testing.assert_array_equal(robot.limits.dry_friction, [0.25, 0])
+    np.testing.assert_array_equal(robot.limits.viscous_friction, [0.5, 0])
+    q, q1, q2 = np.array([[0.5, 0.1]]), np.array([[1.0, 0.0]]), np.zeros((1, 2))
+    found = robot.dynamics(q, q1, q2)
+    np.testing.assert_allclose(found.position[0], [0.7 * np.cos(0.5), 0.7 * np.sin(0.5), 0.1], atol=1e-12)
+    assert found.mass_matrix[0, 0, 0] == pytest.approx(0.03 + 2 * 0.2**2 + 0.01 + 1 * 0.6**2)
+    assert found.tau_x[0, 1] == pytest.approx(-1 * 0.6)  # centrifugal force on the slide, held inwards
+
+
+def test_what_is_left_out_of_a_urdf_is_noted() -> None:
+    notes = load(URDF | {"limits": URDF_LIMITS}).notes
+    assert len(notes) == 1
+    assert "package://nowhere_description/meshes/base.stl" in notes[0]
+    assert "base_link" in notes[0]
+
+
+def test_missing_limits_are_named_with_their_joints_all_at_once() -> None:
+    with pytest.raises(RobotError) as error:
+        load(URDF)
+    velocity, acceleration = (problem.message for problem in error.value.problems)
+    assert "velocity limit for slide;" in velocity
+    assert "acceleration limit for hinge, slide;" in acceleration
+    assert "`robot.limits.all: {acceleration: ...}`" in acceleration
+
+
+def bad(robot: dict[str, Any], **more: Any) -> str:
+    with pytest.raises(RobotError) as error:
+        load(robot, **more)
+    assert all("\n" not in problem.message for problem in error.value.problems)
+    return str(error.value)
+
+
+def test_unknown_robots_and_files_are_named_with_the_choices() -> None:
+    assert bad({"model": "tx90"}).startswith("robot.model: unknown robot 'tx90'")
+    assert "tx90l" in bad({"model": "tx90"})
+    assert f"no file {FIXTURES / 'missing.urdf'}" in bad({"model": "missing.urdf"})
+    assert "not found in the share folders" in bad({"model": "package://nowhere/robot.urdf"})
+
+
+def world(text: str) -> str:
+    return f"<mujoco><worldbody><body>{text}</body></worldbody></mujoco>"
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "complaint"),
+    [
+        ("broken.xml", "<mujoco><worldbody>", "not a model that MuJoCo can read: "),
+        ("broken.urdf", "<robot name='x'><link>", "not well-formed XML: "),
+        ("text.xml", "no XML at all", "not a model that MuJoCo can read: "),
+        ("schema.xml", world("<jiont/>"), "jiont"),
+        ("massless.xml", world("<joint/>"), "MuJoCo cannot use the model: "),
+        ("rock.xml", world("<freejoint name='drift'/><geom size='1'/>"), "free joint 'drift'"),
+        ("ball.xml", world("<joint name='hip' type='ball'/><geom size='1'/>"), "ball joint 'hip'"),
+        ("fixed.xml", world("<geom size='1'/>"), "has no joint"),
+    ],
+)
+def test_a_model_that_cannot_be_used_is_an_error_of_one_line(
+    tmp_path: Path, name: str, text: str, complaint: str
+) -> None:
+    (tmp_path / name).write_text(text)
+    message = bad({"model": name}, folder=tmp_path)
+    assert message.startswith("robot.model: ")
+    assert name in message
+    assert complaint in message
+
+
+def test_an_unknown_tool_is_an_error_that_lists_sites_and_bodies() -> None:
+    message = bad(PENDULUM | {"tool": "gripper"})
+    assert "no site or body 'gripper'" in message
+    assert "its sites are: tip;" in message
+    assert "its bodies are: upper, lower" in message
+
+
+def test_unknown_joints_are_errors_that_list_the_joints() -> None:
+    message = bad(PENDULUM | {"limits": {"wrist": {"velocity": 1.0}, "knee": {"torque": 1.0}}})
+    assert "robot.limits.wrist: " in message
+    assert "robot.limits.knee: " in message
+    assert "its joints are: shoulder, elbow" in message
+    assert "has no joint wrist; its joints are: shoulder, elbow" in bad(PENDULUM | {"locked": {"wrist": 0.0}})
+    assert "at least one must move" in bad(PENDULUM | {"locked": {"shoulder": 0.0, "elbow": 0.0}})
+
+
+def test_limits_for_the_wrong_number_of_joints_are_an_error(tmp_path: Path) -> None:
+    text = (FIXTURES / "double_pendulum.xml").read_text()
+    (tmp_path / "short.xml").write_text(text.replace('data="50 60"', 'data="50"'))
+    message = bad({"model": "short.xml", "tool": "tip"}, folder=tmp_path)
+    assert "acceleration_limit has 1 values; it needs one for each of the 2 joints" in message
+
+
+def test_a_body_with_several_joints_is_locked_as_a_whole_or_not(tmp_path: Path) -> None:
+    text = (FIXTURES / "gantry.xml").read_text()
+    two = text.replace('<joint name="z" type="slide" axis="0 0 1" range="-2 2"/>', "").replace(
+        '<joint name="yaw"', '<joint name="z" type="slide" axis="0 0 1" range="-2 2"/><joint name="yaw"'
+    )
+    (tmp_path / "two.xml").write_text(two)
+    robot = {"model": "two.xml", "tool": "tool"}
+    assert "lock yaw too, or none" in bad(robot | {"locked": {"z": 0.5}}, folder=tmp_path)
+    both = load(robot | {"locked": {"z": 0.5, "yaw": np.pi / 2}}, folder=tmp_path)
+    position, rotation = both.tray_pose(np.array([[1.0, 2.0]]))
+    np.testing.assert_allclose(position[0], [1.0, 2.0, 0.5], atol=1e-12)
+    np.testing.assert_allclose(rotation[0], [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12)
