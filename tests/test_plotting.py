@@ -63,6 +63,10 @@ class Problem:
         x_max = np.min((3.0 / np.maximum(np.abs(self.q1), 1e-9)) ** 2, axis=1)
         self.facets = ()
         self.limits = SimpleNamespace(x_max=x_max, torque=self, contacts=())
+        self.viscous = np.zeros(1)
+
+    def with_reference(self, reference):
+        return self
 
     def torques(self, u, x):
         return self.q1 * u[:, None] + self.q2 * x[:, None] + 5.0
@@ -109,11 +113,23 @@ def _largest_x(s, a, b, c, x_max):
     return linprog(-np.ones(s.size), np.vstack(rows), np.concatenate(bounds), bounds=limits).x
 
 
+class Rows:
+    """Rows a u + b x + c <= 0 of a problem without contacts and without viscous friction."""
+
+    def __init__(self, a, b, c, x_max, feasible=None):
+        self.a, self.b, self.c, self.facets = a, b, c, ()
+        self.feasible = np.ones(len(a), dtype=bool) if feasible is None else feasible
+        self.limits = SimpleNamespace(x_max=x_max, contacts=(), torque=SimpleNamespace(viscous=np.zeros(1)))
+
+    def with_reference(self, reference):
+        assert reference.shape == self.limits.x_max.shape
+        return self
+
+
 def limits_of(rows, x_max=np.inf):
     """Smallest and largest x at one grid point with `rows` (a, b, c)."""
     a, b, c = np.array(rows, dtype=float).reshape(-1, 3).T[:, None, :]
-    limits = SimpleNamespace(x_max=np.array([x_max]), contacts=())
-    low, high = velocity_limits(SimpleNamespace(a=a, b=b, c=c, feasible=np.array([True]), limits=limits, facets=()))
+    low, high = velocity_limits(Rows(a, b, c, np.array([x_max])))
     return low[0] ** 2, high[0] ** 2
 
 
@@ -175,11 +191,27 @@ def test_robot_may_stand_still_where_no_row_forbids_it():
 
 
 def test_point_without_rows_that_hold_has_no_speed():
-    problem = SimpleNamespace(
-        a=np.zeros((2, 1)), b=np.ones((2, 1)), c=np.full((2, 1), -4.0),
-        feasible=np.array([True, False]), facets=(), limits=SimpleNamespace(x_max=np.full(2, 9.0), contacts=()),
-    )  # fmt: skip
+    feasible = np.array([True, False])
+    problem = Rows(np.zeros((2, 1)), np.ones((2, 1)), np.full((2, 1), -4.0), np.full(2, 9.0), feasible)
     np.testing.assert_array_equal(velocity_limits(problem), [[0.0, np.nan], [2.0, np.nan]])
+
+
+def test_viscous_torque_is_exact_on_the_curve():
+    """u >= x and u + D sqrt(x) <= T: x + D sqrt(x) = T at the largest x, wherever the torque was linearised before."""
+    d, torque = 3.0, 4.0
+
+    class Viscous(Rows):
+        def with_reference(self, reference):
+            root = np.sqrt(reference)[:, None]
+            slope, offset = np.where(np.isnan(root), [0.0, 0.0], np.hstack([0.5 / root, 0.5 * root])).T
+            a, b = np.array([[1.0, -1.0]]), np.array([[d * slope[0], 1.0]])
+            return Rows(a, b, np.array([[d * offset[0] - torque, 0.0]]), self.limits.x_max)
+
+    problem = Viscous(np.zeros((1, 0)), np.zeros((1, 0)), np.zeros((1, 0)), np.array([100.0]))
+    problem.limits.torque.viscous = np.ones(1)
+    low, high = velocity_limits(problem)
+    assert high[0] == pytest.approx((-d + np.sqrt(d**2 + 4 * torque)) / 2, rel=1e-6)
+    assert low[0] == 0.0
 
 
 # maximum-velocity curve, oracle ---------------------------------------------------------------------------------------

@@ -15,6 +15,9 @@ Array = NDArray[np.float64]
 UNBOUNDED = 1e12
 """Where nothing limits x the search starts here; what stays at or above half of it is infinite (our choice)."""
 
+VISCOUS_ROUNDS = 12
+"""Rounds of linearising the viscous torque; three to five are the rule."""
+
 ROUNDING = 1e-12
 """Relative size below which a negative gap counts as rounding."""
 
@@ -28,18 +31,42 @@ def velocity_limits(problem: TimeScalingProblem) -> tuple[Array, Array]:
     They are the roots of the smallest and the largest x >= 0 for which some u satisfies a u + b x + c <= 0 with the
     joint velocities within their limits. The smallest is 0 where the robot may stand still; the largest is infinite
     where nothing limits it. Stops do not count: this is what the limits allow, not where the robot must stand.
+
+    The viscous torque is exact at both curves if the smallest is 0, whatever it was linearised about for the plan.
     Contacts whose cone has no known facets count with the rows that the solver added: an outer bound.
     """
     problem = _with_all_facets(problem)
+    least, most = _admissible_x(problem.with_reference(np.full_like(problem.limits.x_max, np.nan)))
+    if problem.limits.torque.viscous.any():
+        most = _with_exact_viscous_torque(problem, most)
+    return np.sqrt(np.where(np.isnan(most), np.nan, least)), np.sqrt(most)
+
+
+def _admissible_x(problem: TimeScalingProblem) -> tuple[Array, Array]:
+    """Smallest and largest x of the rows at each grid point, both of shape (P,)."""
     a, b, c = problem.a, problem.b, problem.c
     highest = np.minimum(problem.limits.x_max, UNBOUNDED)
     rest = np.zeros_like(highest)
-    most = largest_x(a, b, c, rest, highest)
-    least = -largest_x(a, -b, c, -highest, rest)
-    possible = problem.feasible & ~np.isnan(most)
-    most = np.where(most >= 0.5 * UNBOUNDED, np.inf, most)
-    low, high = (np.sqrt(np.where(possible, x, np.nan)) for x in (np.maximum(least, 0.0), most))
-    return low, high
+    most = np.where(problem.feasible, largest_x(a, b, c, rest, highest), np.nan)
+    least = np.maximum(-largest_x(a, -b, c, -highest, rest), 0.0)
+    return np.where(np.isnan(most), np.nan, least), np.where(most >= 0.5 * UNBOUNDED, np.inf, most)
+
+
+def _with_exact_viscous_torque(problem: TimeScalingProblem, most: Array) -> Array:
+    """Largest x with the viscous torque linearised about the result itself, (P,).
+
+    A tangent is an upper bound of the viscous torque that is exact where it touches. Rows with the tangent at any x
+    admit only what the exact torque admits, so after the first round the largest x grows from round to round.
+
+    most: largest x of rows with too little viscous torque, to start from
+    """
+    reference = most
+    for _ in range(VISCOUS_ROUNDS):
+        _, most = _admissible_x(problem.with_reference(np.where(np.isfinite(reference), reference, np.nan)))
+        previous, reference = reference, np.where(np.isnan(most), 0.25 * reference, most)
+        if np.allclose(reference, previous, rtol=1e-4, equal_nan=True):
+            break
+    return most
 
 
 def _with_all_facets(problem: TimeScalingProblem) -> TimeScalingProblem:
