@@ -1,0 +1,1 @@
+"""Certificate: checks a plan independently of the solver that made it."""

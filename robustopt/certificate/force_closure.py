@@ -1,0 +1,445 @@
+"""Whether contact forces in exact Coulomb cones balance a wrench, and how far from the limit it is.
+
+A force f at a contact point p (normal z) is possible if |(f_x, f_y)| <= mu f_z. K blocks (bodies) balance when such
+forces exist at all points whose wrenches, + on the block above and - on the block below, sum to what the blocks
+require, w, shape (6 K,): for each block its force and its moment. All such sums form a convex cone C.
+
+The gauge of a wrench rest + move, seen from a wrench `rest` inside the cone, is
+
+    gamma = min {g >= 0: g rest + move in C},
+
+1 at the limit, |f_t| / (mu f_z) for a block that slides, and the share of its way to the edge of the patch that the
+centre of pressure has gone for a block that tips. It is a second-order cone program,
+
+    min g  s.t.  sum_i A_i f_i - g rest = move,  f_i in the cone of point i,
+    max -y move  s.t.  A_i^T y in the (self-dual) cone of point i,  y rest <= 1,
+
+solved by a primal-dual interior-point method with Nesterov and Todd's scaling and Mehrotra's predictor and corrector.
+The iterates y are feasible throughout, so each bounds gamma from below; forces that balance bound it from above.
+Coordinates of a force are (f_z, f_x / mu, f_y / mu), in which its cone is |(c_1, c_2)| <= c_0.
+
+Many programs are solved at once, as arrays whose last axis, T, counts them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+GAP = 1e-8
+"""Width of the bracket of gamma, and unbalanced share of the wrench, at which a program is solved: a hundredth of the
+violation that a certificate forgives, and above the rounding errors of the normal equations (about 1e-9)."""
+
+ROUGH_GAP = 2e-7
+"""The same for a program that rounding errors keep from improving, as with degenerate patches."""
+
+MOST_ITERATIONS = 60
+"""Ten are usual."""
+
+MOST = 1e4
+"""A gauge above this counts as infinite: what is to be balanced lies outside the cone for every g."""
+
+BACK_OFF = 0.99
+"""Share of the way to the boundary of the cones that a step takes."""
+
+REGULAR = 1e-14
+"""Smallest pivot of the normal equations as a share of their trace: a patch that is a line or a point has no stiffness
+in some directions."""
+
+CHUNK = 1024
+"""Programs solved together: few enough for the cache, enough to hide the cost of an array operation."""
+
+TINY = 1e-300
+
+
+@dataclass(frozen=True)
+class Face:
+    """Contact points `first` to `last` (excluded) press on block `above` from block `below`, -1 for the ground."""
+
+    first: int
+    last: int
+    above: int
+    below: int
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """Contact points of K blocks in T programs.
+
+    faces: who stands on whom; a block comes after all that it stands on
+    point: (3, n, T) contact points, [m] or any other unit of length; an axis T of length 1 is for all programs
+    mu: (n, T) coefficients of friction
+    """
+
+    faces: tuple[Face, ...]
+    point: Array
+    mu: Array
+
+    @property
+    def blocks(self) -> int:
+        return 1 + max(face.above for face in self.faces)
+
+    def __getitem__(self, chosen: slice | NDArray[np.intp]) -> Contacts:
+        """The contacts of some of the programs."""
+        point = self.point if self.point.shape[-1] == 1 else self.point[..., chosen]
+        mu = self.mu if self.mu.shape[-1] == 1 else self.mu[..., chosen]
+        return Contacts(self.faces, point, mu)
+
+    def seen(self, y: Array) -> Array:
+        """A_i^T y, the part of y (6 K, T) that a force at point i sees, in the coordinates of forces, (3, n, T)."""
+        out = np.empty((3, self.mu.shape[0], y.shape[-1]))
+        for face in self.faces:
+            part = slice(face.first, face.last)
+            (px, py, pz), mu = self.point[:, part], self.mu[part]
+            fx, fy, fz, mx, my, mz = _at(y, face.above) if face.below < 0 else _at(y, face.above) - _at(y, face.below)
+            out[0, part] = fz + mx * py - my * px
+            out[1, part] = mu * (fx + my * pz - mz * py)
+            out[2, part] = mu * (fy + mz * px - mx * pz)
+        return out
+
+    def wrenches(self, face: Face, c: Array) -> Array:
+        """Wrench of the forces with coordinates c (3, ..., n_face, T) at each point of a face, (6, ..., n_face, T)."""
+        part = slice(face.first, face.last)
+        (px, py, pz), mu = self.point[:, part], self.mu[part]
+        out = np.empty((6, *c.shape[1:]))
+        fx, fy, fz = np.multiply(mu, c[1], out=out[0]), np.multiply(mu, c[2], out=out[1]), c[0]
+        out[2] = fz
+        out[3] = py * fz - pz * fy
+        out[4] = pz * fx - px * fz
+        out[5] = px * fy - py * fx
+        return out
+
+    def pressed(self, c: Array) -> Array:
+        """sum_i A_i c_i, what forces with coordinates c (3, n, T) exert on the blocks, (6 K, T)."""
+        out = np.zeros((6 * self.blocks, c.shape[-1]))
+        for face in self.faces:
+            wrench = self.wrenches(face, c[:, face.first : face.last]).sum(axis=1)
+            _at(out, face.above)[:] += wrench
+            if face.below >= 0:
+                _at(out, face.below)[:] -= wrench
+        return out
+
+    def levels(self) -> Array:
+        """Heights of the blocks, (K,): 1 on the ground, at least 1 more than every block that is stood on."""
+        level = np.ones(self.blocks)
+        for face in sorted(self.faces, key=lambda face: face.above):
+            if face.below >= 0:
+                level[face.above] = max(level[face.above], 1.0 + level[face.below])
+        return level
+
+
+def _at(y: Array, block: int) -> Array:
+    return y[6 * block : 6 * block + 6]
+
+
+def single_block(points: Array, mu: float) -> Contacts:
+    """Contacts of one block on the ground at `points` (n, 3)."""
+    points = np.asarray(points, dtype=float)
+    return Contacts((Face(0, len(points), 0, -1),), points.T[:, :, None].copy(), np.full((len(points), 1), mu))
+
+
+@dataclass(frozen=True)
+class Gauge:
+    """Solutions of T programs.
+
+    value: (T,) gamma, from forces that balance, infinite where there are none; lower: (T,) bound from below;
+    y: (6 K, T) the limit that is nearest, y w >= 0 for all w in the cone
+    """
+
+    value: Array
+    lower: Array
+    y: Array
+
+
+def gauge(contacts: Contacts, rest: Array, move: Array, good_enough: Array | float = 0.0, gap: float = GAP) -> Gauge:
+    """Smallest g with g rest + move in the cone, both (6 K, T), to within `gap`; any g <= good_enough (T,) will do.
+
+    Wrenches and lengths of order 1 are best: divide forces by the weight and lengths by the size of the patch.
+    """
+    count = rest.shape[-1]
+    enough = np.broadcast_to(np.asarray(good_enough, dtype=float), (count,))
+    value, lower, y = np.empty(count), np.empty(count), np.empty(rest.shape)
+    for begin in range(0, count, CHUNK):
+        part = slice(begin, begin + CHUNK)
+        programs = _InteriorPoint(contacts[part], rest[:, part], move[:, part], enough[part], gap).solve()
+        value[part], lower[part], y[:, part] = programs.value, programs.lower, programs.direction
+    return Gauge(value, lower, y)
+
+
+def gauge_from_rest(
+    contacts: Contacts, rest: Array, move: Array, good_enough: Array | float = 0.0, gap: float = GAP
+) -> Gauge:
+    """`gauge`, but seen from an even pressure where the contacts cannot hold `rest`.
+
+    Either way the value is at most 1 exactly where forces balance rest + move.
+    """
+    held = presses_evenly(contacts, rest)
+    even = np.zeros_like(rest)
+    doubtful = np.flatnonzero(~held)
+    if len(doubtful):
+        even[:, doubtful] = even_pressure(contacts[doubtful], len(doubtful))
+        at_rest = gauge(contacts[doubtful], even[:, doubtful], (rest - even)[:, doubtful], 1.0)
+        held[doubtful] = at_rest.value <= 1.0 + GAP
+    return gauge(contacts, np.where(held, rest, even), np.where(held, move, rest + move - even), good_enough, gap)
+
+
+def even_pressure(contacts: Contacts, programs: int) -> Array:
+    """Wrenches on the blocks of equal normal forces, 1 in sum, at all points, (6 K, programs)."""
+    c = np.zeros((3, contacts.mu.shape[0], programs))
+    c[0] = 1.0 / c.shape[1]
+    return contacts.pressed(c)
+
+
+def presses_evenly(contacts: Contacts, wrench: Array) -> Flags:
+    """Whether a pressure that varies linearly over the points balances a wrench (6, T) on one block on the ground.
+
+    The shares l_i = 1 / n + (p_i - p)^T S^-1 (c - p) of the load have their centre of pressure at c; friction is the
+    same multiple of the pressure at all points, plus a turn about c. Explicit forces: sufficient, not necessary, and
+    a hundred times quicker than `gauge`. The points must lie in the plane z = 0.
+    """
+    if contacts.blocks > 1 or np.any(contacts.point[2]):
+        return np.zeros(wrench.shape[-1], dtype=bool)
+    fx, fy, fz, mx, my, mz = wrench
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        return np.asarray((fz > 0.0) & _linear_pressure(contacts, fx / fz, fy / fz, -my / fz, mx / fz, mz / fz))
+
+
+def _linear_pressure(contacts: Contacts, tx: Array, ty: Array, cx: Array, cy: Array, mz: Array) -> Flags:
+    """`presses_evenly` for a unit load with friction (tx, ty), centre of pressure (cx, cy) and moment mz."""
+    px, py, _ = contacts.point
+    x, y = px - px.mean(axis=0), py - py.mean(axis=0)
+    sxx, sxy, syy = (x * x).sum(axis=0), (x * y).sum(axis=0), (y * y).sum(axis=0)
+    determinant = sxx * syy - sxy * sxy
+    dx, dy = cx - px.mean(axis=0), cy - py.mean(axis=0)
+    gx, gy = (syy * dx - sxy * dy) / determinant, (sxx * dy - sxy * dx) / determinant
+    share = 1.0 / len(px) + x * gx + y * gy
+    rx, ry = px - cx, py - cy
+    turn = (mz - cx * ty + cy * tx) / (share * (rx * rx + ry * ry)).sum(axis=0)
+    square = (tx - turn * ry) ** 2 + (ty + turn * rx) ** 2
+    return np.asarray((share >= 0.0).all(axis=0) & (square <= contacts.mu**2).all(axis=0))
+
+
+class _InteriorPoint:
+    """State of the iteration for the T programs that are not solved yet.
+
+    force, slack: (3, n, T) coordinates of the forces and the dual cones' slacks; g, slack_g: (T,) the last variable and
+    its slack 1 - y rest; y: (6 K, T); index: (T,) which programs of the caller these are
+    """
+
+    def __init__(self, contacts: Contacts, rest: Array, move: Array, enough: Array, gap: float) -> None:
+        self.contacts, self.rest, self.move, self.enough, self.gap = contacts, rest, move, enough, gap
+        count, points = rest.shape[-1], contacts.mu.shape[0]
+        level = contacts.levels()
+        up = level @ rest[2::6]
+        pressing = up > 0.0
+        up = np.where(pressing, up, 1.0)
+        self.y = np.zeros_like(rest)
+        self.y[2::6] = 0.5 * level[:, None] / up
+        self.force = np.zeros((3, points, count))
+        self.force[0] = up / points
+        self.slack, self.residual = np.empty_like(self.force), np.empty_like(rest)
+        self.g, self.slack_g, self.product = np.ones(count), np.empty(count), np.empty(count)
+        self.index = np.arange(count)
+        self.value = np.full(count, np.inf)
+        self.lower = np.where(pressing, 0.0, np.inf)
+        self.error = np.full(count, np.inf)
+        self.direction = self.y.copy()
+        self._keep(pressing)
+
+    def solve(self) -> _InteriorPoint:
+        """Iterate until all programs are solved; `value`, `lower` (T,) and `direction` (6 K, T) are their solutions."""
+        for _ in range(MOST_ITERATIONS):
+            if len(self.index):
+                self._bracket()
+            if len(self.index):
+                self._iterate()
+        return self
+
+    def _bracket(self) -> None:
+        """Slacks, bounds and residual of the iterate; puts aside the programs that are solved or hopeless."""
+        self.slack = self.contacts.seen(self.y)
+        self.slack_g = 1.0 - (self.rest * self.y).sum(axis=0)
+        lower = -(self.move * self.y).sum(axis=0)
+        self.residual = self.move + self.g * self.rest - self.contacts.pressed(self.force)
+        self.product = self.g * self.slack_g + (self.force * self.slack).sum(axis=(0, 1))
+        unbalanced = np.sqrt((self.residual**2).sum(axis=0))
+        enough = (unbalanced < self.gap * (1.0 + self.g)) & (self.g <= self.enough)
+        error = np.maximum(unbalanced, self.g - lower) / (1.0 + self.g)
+        better = enough | (error < self.error)
+        found = self.index[better]
+        self.value[found] = np.where(enough | (error < max(self.gap, ROUGH_GAP)), self.g, np.inf)[better]
+        self.direction[:, found] = self.y[:, better]
+        self.lower[self.index] = np.maximum(self.lower[self.index], lower)
+        stuck = ~(self.product > 1e-17) | ~(self.slack_g > 0.0) | (error > 100.0 * self.error)
+        self.error = np.minimum(self.error, error)
+        self._keep(~(enough | (error < self.gap) | (lower > MOST) | stuck))
+
+    def _keep(self, chosen: Flags) -> None:
+        """Drop the programs that are not `chosen`."""
+        if chosen.all():
+            return
+        keep = np.flatnonzero(chosen)
+        self.contacts = self.contacts[keep]
+        self.rest, self.move, self.residual = self.rest[:, keep], self.move[:, keep], self.residual[:, keep]
+        self.force, self.slack, self.y = self.force[..., keep], self.slack[..., keep], self.y[:, keep]
+        self.g, self.slack_g, self.product = self.g[keep], self.slack_g[keep], self.product[keep]
+        self.enough, self.error, self.index = self.enough[keep], self.error[keep], self.index[keep]
+
+    def _iterate(self) -> None:
+        """One predictor and one corrector."""
+        root, scaled_g = np.sqrt(self.g / self.slack_g), np.sqrt(self.g * self.slack_g)
+        scaling = _Scaling(self.force, self.slack)
+        scaled = scaling(self.slack)
+        factor = self._factor(scaling, root)
+        predictor = self._step(factor, scaling, scaled, scaled_g, -scaled, -scaled_g)
+        target = predictor.target(self.product, scaled, scaled_g) * self.product / (1 + self.force.shape[1])
+        right = _divide(scaled, target, predictor.force, predictor.slack)
+        right_g = (target - predictor.g * predictor.slack_g) / scaled_g - scaled_g
+        step = self._step(factor, scaling, scaled, scaled_g, right, right_g)
+        force_step = np.minimum(1.0, BACK_OFF * step.longest_force)
+        y_step = np.minimum(1.0, BACK_OFF * step.longest_slack)
+        self.force += force_step * scaling(step.force)
+        self.g = self.g + force_step * root * step.g
+        self.y = self.y - y_step * step.y
+
+    def _factor(self, scaling: _Scaling, root: Array) -> Array:
+        """Cholesky factor of sum_i A_i W_i^2 A_i^T + (g / slack_g) rest rest^T, (6 K, 6 K, T)."""
+        scaled_rest = root * self.rest
+        matrix = scaled_rest[:, None] * scaled_rest
+        columns = scaling.matrix()
+        for face in self.contacts.faces:
+            wrenches = self.contacts.wrenches(face, columns[:, :, face.first : face.last])
+            wrenches = wrenches.reshape(6, -1, wrenches.shape[-1])
+            stiffness = np.stack([(row * wrenches).sum(axis=1) for row in wrenches])
+            a, b = slice(6 * face.above, 6 * face.above + 6), slice(6 * face.below, 6 * face.below + 6)
+            matrix[a, a] += stiffness
+            if face.below >= 0:
+                matrix[b, b] += stiffness
+                matrix[a, b] -= stiffness
+                matrix[b, a] -= stiffness
+        return _cholesky(matrix)
+
+    def _step(
+        self, factor: Array, scaling: _Scaling, scaled: Array, scaled_g: Array, right: Array, right_g: Array
+    ) -> _Step:
+        """Newton step for the right-hand sides `right` (3, n, T) and `right_g` (T,) of the scaled complementarity."""
+        root = np.sqrt(self.g / self.slack_g)
+        load = self.residual - self.contacts.pressed(scaling(right)) + self.rest * (root * right_g)
+        y = _solve(factor, load)
+        slack = -scaling(self.contacts.seen(y))
+        slack_g = root * (self.rest * y).sum(axis=0)
+        return _Step(y, right - slack, slack, right_g - slack_g, slack_g, scaled, scaled_g)
+
+
+class _Scaling:
+    """Nesterov and Todd's scaling W of each cone: W^-1 force = W slack."""
+
+    def __init__(self, force: Array, slack: Array) -> None:
+        force_size, slack_size = _size(force), _size(slack)
+        force, slack = force / force_size, slack / slack_size
+        w = force + slack * np.array([1.0, -1.0, -1.0])[:, None, None]
+        self.w = w / np.sqrt(2.0 * (1.0 + (force * slack).sum(axis=0)))
+        self.eta = np.sqrt(force_size / slack_size)
+
+    def __call__(self, c: Array) -> Array:
+        """W c, (3, n, T)."""
+        w0, w1, w2 = self.w
+        along = w1 * c[1] + w2 * c[2]
+        factor = c[0] + along / (1.0 + w0)
+        out = np.empty(c.shape)
+        out[0] = w0 * c[0] + along
+        out[1] = c[1] + w1 * factor
+        out[2] = c[2] + w2 * factor
+        out *= self.eta
+        return out
+
+    def matrix(self) -> Array:
+        """W itself, (3, 3, n, T)."""
+        w0, w1, w2 = self.w * self.eta
+        lean = self.w / (1.0 + self.w[0])
+        return np.stack(
+            [
+                np.stack([w0, w1, w2]),
+                np.stack([w1, self.eta + lean[1] * w1, lean[1] * w2]),
+                np.stack([w2, lean[2] * w1, self.eta + lean[2] * w2]),
+            ]
+        )
+
+
+class _Step:
+    """Scaled Newton step and how long it may be, as multiples of itself, (T,)."""
+
+    def __init__(
+        self, y: Array, force: Array, slack: Array, g: Array, slack_g: Array, scaled: Array, scaled_g: Array
+    ) -> None:
+        self.y, self.force, self.slack, self.g, self.slack_g = y, force, slack, g, slack_g
+        self.longest_force = np.minimum(_reach(scaled, force).min(axis=0), _ray(scaled_g, g))
+        self.longest_slack = np.minimum(_reach(scaled, slack).min(axis=0), _ray(scaled_g, slack_g))
+
+    def target(self, product: Array, scaled: Array, scaled_g: Array) -> Array:
+        """Share of the complementarity that the corrector aims at (Mehrotra's rule), (T,)."""
+        a, b = np.minimum(1.0, self.longest_force), np.minimum(1.0, self.longest_slack)
+        left = ((scaled + a * self.force) * (scaled + b * self.slack)).sum(axis=(0, 1))
+        left += (scaled_g + a * self.g) * (scaled_g + b * self.slack_g)
+        return np.asarray((np.maximum(left, 0.0) / product) ** 3)
+
+
+def _size(c: Array) -> Array:
+    """sqrt(c_0^2 - c_1^2 - c_2^2)."""
+    return np.asarray(np.sqrt(np.maximum(c[0] ** 2 - c[1] ** 2 - c[2] ** 2, TINY)))
+
+
+def _ray(value: Array, step: Array) -> Array:
+    """Longest step that keeps a positive value positive."""
+    with np.errstate(divide="ignore"):
+        return np.where(step < 0.0, -value / step, np.inf)
+
+
+def _reach(c: Array, d: Array) -> Array:
+    """Largest a with c + a d in the cone, for c inside it, (n, T)."""
+    square = d[0] ** 2 - d[1] ** 2 - d[2] ** 2
+    cross = c[0] * d[0] - c[1] * d[1] - c[2] * d[2]
+    inside = np.maximum(c[0] ** 2 - c[1] ** 2 - c[2] ** 2, 0.0)
+    root = np.sqrt(np.maximum(cross**2 - square * inside, 0.0))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        reach = np.where(cross < 0.0, inside / (root - cross), np.where(square < 0.0, (cross + root) / -square, np.inf))
+    return np.where((square >= 0.0) & (d[0] >= 0.0), np.inf, reach)
+
+
+def _divide(scaled: Array, target: Array, force: Array, slack: Array) -> Array:
+    """Solution q of scaled o q = target e - scaled o scaled - force o slack, o the product of the cone's algebra."""
+    c0, c1, c2 = scaled
+    r0 = target - (scaled * scaled + force * slack).sum(axis=0)
+    r1 = -2.0 * c0 * c1 - force[0] * slack[1] - force[1] * slack[0]
+    r2 = -2.0 * c0 * c2 - force[0] * slack[2] - force[2] * slack[0]
+    q0 = (c0 * r0 - c1 * r1 - c2 * r2) / np.maximum(c0**2 - c1**2 - c2**2, TINY)
+    return np.stack([q0, (r1 - c1 * q0) / c0, (r2 - c2 * q0) / c0])
+
+
+def _cholesky(matrix: Array) -> Array:
+    """Lower Cholesky factor of symmetric matrices (d, d, T), in their place."""
+    smallest = REGULAR * np.trace(matrix)
+    for j in range(len(matrix)):
+        pivot = np.sqrt(np.maximum(matrix[j, j], smallest))
+        matrix[j, j] = pivot
+        matrix[j + 1 :, j] /= pivot
+        for k in range(j + 1, len(matrix)):
+            matrix[k:, k] -= matrix[k:, j] * matrix[k, j]
+    return matrix
+
+
+def _solve(factor: Array, right: Array) -> Array:
+    """Solution of L L^T x = right, (d, T)."""
+    x = right.copy()
+    for i in range(len(x)):
+        x[i] /= factor[i, i]
+        x[i + 1 :] -= factor[i + 1 :, i] * x[i]
+    for i in reversed(range(len(x))):
+        x[i] /= factor[i, i]
+        x[:i] -= factor[i, :i] * x[i]
+    return x
