@@ -122,9 +122,11 @@ class Trajectory:
         last = int(np.flatnonzero(np.diff(self.times))[-1])
         i = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, last)
         tau = np.clip(t, 0.0, self.duration) - self.times[i]
+        part = tau / (self.times[i + 1] - self.times[i])
+        sd = (1.0 - part) * self.sd[i] + part * self.sd[i + 1]
+        s = np.clip(self.s[i] + 0.5 * (self.sd[i] + sd) * tau, self.s[i], self.s[i + 1])
         inside = (t >= 0.0) & (t <= self.duration)
-        s = np.clip(self.s[i] + (self.sd[i] + 0.5 * self.sdd[i] * tau) * tau, self.s[i], self.s[i + 1])
-        sd = np.where(inside, np.maximum(self.sd[i] + self.sdd[i] * tau, 0.0), 0.0)
+        sd = np.where(inside, sd, 0.0)
         sdd = np.where(inside, self.sdd[i], 0.0)
         return joint_motion(self.path, self.piece[i], t, s, sd, sdd)
 
@@ -254,7 +256,7 @@ def _write_csv(samples: Samples, joint_names: tuple[str, ...], path: FilePath) -
     with open(path, "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(header)
-        writer.writerows(rows.tolist())
+        writer.writerows((rows + 0.0).tolist())  # -0.0 + 0.0 is 0.0
 
 
 def _require_positive(name: str, value: float) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import matplotlib
@@ -13,11 +14,13 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex
 from scipy.optimize import linprog
 
-from robustopt.config import AccelerationError
+from robustopt.config import AccelerationError, load_config
 from robustopt.plotting import Utilisation, contacts_figure, house_style, phase_plane, shares_figure, write_figures
 from robustopt.plotting.joints import joint_figures, joint_quantities
 from robustopt.plotting.style import LIMIT_COLOURS, OTHER, limit_colours, percent
 from robustopt.plotting.velocity_limit import largest_x, velocity_limits
+from robustopt.problem import build_problem
+from robustopt.timescaling import solve
 from robustopt.trajectory import NO_LIMIT, Trajectory, binding_shares
 
 
@@ -413,3 +416,49 @@ def test_users_settings_neither_matter_nor_change():
 def test_plotting_leaves_pyplot_alone():
     code = "import sys, robustopt.plotting; sys.exit('matplotlib.pyplot' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code]).returncode == 0
+
+
+# a real plan ----------------------------------------------------------------------------------------------------------
+
+WEAK = "robot.limits={all: {torque: 210}, joint5: {torque: 8.8}}"
+UNCERTAIN = "uncertainty={contact_points: 0.002, joint_acceleration: {mean: 0.1, deviation: 0.3}}"
+
+
+@pytest.fixture(scope="module")
+def waiter():
+    """The two-block waiter with a weak arm by both methods: their rows differ, the limits do not."""
+    file = Path(__file__).parents[1] / "configs" / "waiter_two_blocks.yaml"
+    problem = build_problem(load_config(file, overrides=["solver.collocation_points=60", WEAK, UNCERTAIN]))
+    return {method: solve(problem, method) for method in ("reachability", "ipopt")}
+
+
+def test_curve_of_a_real_plan_does_not_depend_on_the_method(waiter):
+    curves = [velocity_limits(plan.problem)[1] for plan in waiter.values()]
+    np.testing.assert_allclose(*curves, rtol=1e-3)
+    for curve, plan in zip(curves, waiter.values(), strict=True):
+        assert np.all(np.sqrt(plan.x) <= curve * (1 + 1e-4))
+
+
+def test_torque_that_binds_touches_its_robust_limit(waiter):
+    plan = waiter["reachability"]
+    quantities = {quantity.name: quantity for quantity in joint_quantities(plan)[1]}
+    assert any("joint5 torque" in active for active in plan.active)
+    torque = quantities["torque"]
+    lower, upper = torque.shrunk_limits(4)
+    assert np.all(upper < 8.8)
+    assert np.max(torque.value[:, 4] - upper) == pytest.approx(0.0, abs=1e-3 * 8.8)
+    assert np.min(torque.value[:, 4] - lower) > 0.0
+
+
+def test_acceleration_stays_within_its_robust_limits(waiter):
+    plan = waiter["reachability"]
+    acceleration = joint_quantities(plan)[1][2]
+    for joint in range(6):
+        lower, upper = acceleration.shrunk_limits(joint)
+        assert np.all((acceleration.value[:, joint] >= lower - 1e-6) & (acceleration.value[:, joint] <= upper + 1e-6))
+
+
+def test_real_plan_is_drawn(waiter, tmp_path):
+    plan = waiter["ipopt"]
+    paths = write_figures(plan, plan.problem.config, tmp_path)
+    assert {path.name for path in paths} >= {"phase_plane.svg", "joints.png", "binding.svg"}

@@ -322,12 +322,17 @@ def test_plan_csv_reads_back_to_the_same_numbers(tmp_path):
     np.testing.assert_array_equal(table[:, 4:], np.hstack([samples.q, samples.qd, samples.qdd]))
 
 
+def test_csv_has_no_negative_zeros(tmp_path):
+    write_plan_csv(two_sweeps_plan(LinePath([[-2.0, 1.0], [2.0, 1.0]])), tmp_path / "plan.csv")
+    assert "-0.0," not in (tmp_path / "plan.csv").read_text()
+
+
 def test_trajectory_csv_has_the_controller_period(tmp_path):
     write_trajectory_csv(bang_bang_plan(4.0), 0.3, tmp_path / "trajectory.csv")
     _, table = read_csv(tmp_path / "trajectory.csv")
     np.testing.assert_allclose(table[:, 0], [0, 0.3, 0.6, 0.9, 1.0], rtol=1e-14)
     np.testing.assert_allclose(table[:, 1], [0, 0.18, 0.68, 0.98, 1.0], atol=1e-14)
-    np.testing.assert_allclose(table[[0, -1], 2], 0, atol=1e-15)
+    np.testing.assert_array_equal(table[[0, -1], 2], 0)
     np.testing.assert_allclose(table[:, 4], table[:, 1])
 
 
