@@ -24,7 +24,7 @@ from robustopt.errors import ConfigError, ConfigProblem
 Key = tuple[str | int, ...]
 """Path to a value: names of keys and positions in lists."""
 
-MOST_VALUES = 1_000_000
+MOST_VALUES = 200_000
 """A document with more values is refused: aliases of aliases can make a small file grow without bound."""
 
 _TAG = "tag:yaml.org,2002:"

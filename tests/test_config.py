@@ -352,7 +352,7 @@ def test_what_is_not_a_configuration_is_said_in_one_sentence(task, text, message
 def test_aliases_of_aliases_do_not_grow_without_bound(task):
     levels = "".join(f"l{i}: &l{i} [{', '.join([f'*l{i - 1}'] * 10)}]\n" for i in range(1, 9))
     (problem,) = problems(task(text=f"l0: &l0 [1]\n{levels}"))
-    assert "more than 1,000,000 values; write the values out" in problem
+    assert "more than 200,000 values; write the values out" in problem
 
 
 def test_missing_file_folder_and_binary_file_are_told_apart(tmp_path):
@@ -363,20 +363,17 @@ def test_missing_file_folder_and_binary_file_are_told_apart(tmp_path):
 
 
 def test_all_mistakes_are_reported_at_once_file_first(task):
-    found = problems(
-        task(
-            ("model: tx90l", "modl: tx90l"),
-            ("mass: 1.0", "mass: -1"),
-            ("at: [0, 0]}\n  upper", "at: [0, abc]}\n  upper"),
-            ("cone_edges", "edges"),
-            ("yaw: 0.59", "yaw: 0.59, rpy: [0, 0, 0]"),
-            ("[0.4, 0.6]", "[0.6, 0.4]"),
-        ),
-        "seed=-1",
-        "uncertainty.mass={nobody: [1, 2]}",
+    path = task(
+        ("model: tx90l", "modl: tx90l"),
+        ("mass: 1.0", "mass: -1"),
+        ("at: [0, 0]}\n  upper", "at: [0, abc]}\n  upper"),
+        ("cone_edges", "edges"),
+        ("yaw: 0.59", "yaw: 0.59, rpy: [0, 0, 0]"),
+        ("[0.4, 0.6]", "[0.6, 0.4]"),
     )
-    keys = [problem.split(": ")[1] for problem in found]
-    assert keys == [
+    with pytest.raises(ConfigError) as caught:
+        load_config(path, ["seed=-1", "uncertainty.mass={nobody: [1, 2]}"])
+    assert [problem.key for problem in caught.value.problems] == [
         "robot.model",
         "robot.modl",
         "tray.mass",
@@ -470,8 +467,9 @@ def test_generated_pages_are_up_to_date(name):
 
 
 def test_every_key_has_a_meaning_on_the_page_and_in_the_schema():
+    page = schema.page()
     for name, model in schema.sections():
         for key in schema.fields(model):
             assert model.model_fields[key].description, f"{name}.{key}"
-            assert f"| `{key}` |" in schema.page()
+            assert f"| `{key}` |" in page
     assert json.loads(schema.files()[schema.SCHEMA])["additionalProperties"] is False
