@@ -1,6 +1,6 @@
 """Contact: which forces can hold an object in place, and which wrench they must transmit.
 
-Everything is expressed in the tray frame with moments about the tray's origin. A `ContactSystem` is a set of
+Everything is expressed in the axes of the tray frame, moments about one point per balanced object. A `ContactSystem` is a set of
 objects whose contact forces must be found together: the required wrenches of its objects, stacked, must lie in
 the cone of its generators. An object on one support is a system of its own, because everything above it loads
 that one interface, and then the cone has explicit facets. A bridge shares its load between its supports, which
@@ -9,11 +9,12 @@ is statically indeterminate, so the bridge and its supports form one system with
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.spatial import ConvexHull
 
 from robustopt.config import Config
@@ -31,8 +32,9 @@ class ContactSystem:
 
     objects: the balanced objects; their wrenches are stacked, d = 6 * len(objects)
     loads: per balanced object the bodies whose weight and inertia it must carry, itself included
-    generators: contact wrenches of the edges of all friction cones, shape (d, k), tray frame about its origin;
-        what the supports can exert is the cone of the columns
+    points: per balanced object the point its moments are about, tray frame (3,) [m]
+    generators: contact wrenches of the edges of all friction cones, shape (d, k); what the supports can exert is the
+        cone of the columns
     facets: the same cone as facets @ w <= 0, shape (F, d), or None where only the generators are known
     names: of the limits the system imposes: (slip, tipping) of one interface, or (balance,) of a bridge
     edges: friction edges per contact point, which are neighbouring columns of the generators
@@ -40,6 +42,7 @@ class ContactSystem:
 
     objects: tuple[str, ...]
     loads: tuple[tuple[str, ...], ...]
+    points: tuple[Array, ...]
     generators: Array
     facets: Array | None
     names: tuple[str, ...]
@@ -53,6 +56,14 @@ class ContactSystem:
     def interior(self) -> Array:
         """A wrench well inside the cone: equal forces along all generators, of unit mean, shape (d,)."""
         return self.generators.mean(axis=1)
+
+    def about(self, points: Sequence[Array]) -> ContactSystem:
+        """The same system with the moments of each balanced object about another point (3,)."""
+        moves = [about_point(new - old) for new, old in zip(points, self.points, strict=True)]
+        facets = self.facets
+        if facets is not None:
+            facets = facets @ np.linalg.inv(block_diag(*moves))
+        return replace(self, points=tuple(points), generators=block_diag(*moves) @ self.generators, facets=facets)
 
     def kind_of(self, rows: Array) -> Array:
         """Which of the system's names facets or duals (F, d) belong to, shape (F,).
@@ -197,6 +208,7 @@ def _system(config: Config, group: tuple[str, ...], all_patches: tuple[Patch, ..
     return ContactSystem(
         objects=group,
         loads=tuple(_load(config, name, group) for name in group),
+        points=tuple(np.zeros(3) for _ in group),
         generators=np.hstack(blocks),
         facets=_facets(own[0], friction[own[0].object], edges) if len(own) == 1 else None,
         names=(balance,) if bridges else tuple(interface),

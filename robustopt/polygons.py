@@ -16,7 +16,7 @@ W_gk are exact interval terms and the R_gk bounded remainders (see `uncertainty`
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numba as nb
 import numpy as np
@@ -53,15 +53,15 @@ class Polygons:
 class Loads:
     """What the rows of a family multiply, in groups whose mass has one interval each.
 
-    terms: W_gk with their coefficients of (u, x, 1) last, shape (P, d, n, 3); kind 0 is a group's W_g0, kind 1 an interval term
-    kind, group: (n,)
+    nominal: W_g0, coefficients of (u, x, 1) last, shape (P, d, G, 3)
+    terms: interval terms W_gk, shape (P, d, n, 3); group: (n,)
     constant: interval terms that depend on neither u nor x, shape (P, d, n_c); constant_group: (n_c,)
     remainder: R_gk, shape (P, d, n_r, 3); remainder_group: (n_r,)
     lowest, highest: mass factors of the groups, (G,)
     """
 
+    nominal: Array
     terms: Array
-    kind: Array
     group: Array
     constant: Array
     constant_group: Array
@@ -72,9 +72,15 @@ class Loads:
 
     def middle(self) -> Array:
         """The load with every parameter at the middle of its interval: coefficients of (u, x, 1), shape (P, d, 3)."""
-        nominal = np.flatnonzero(self.kind == 0)
-        mass = 0.5 * (self.lowest + self.highest)[self.group[nominal]]
-        return np.einsum("pdnk,n->pdk", self.terms[:, :, nominal], mass)
+        middle: Array = np.einsum("pdgk,g->pdk", self.nominal, 0.5 * (self.lowest + self.highest))
+        return middle
+
+    def at(self, points: Array) -> Loads:
+        """The loads at some of the grid points."""
+        return replace(
+            self, nominal=self.nominal[points], terms=self.terms[points],
+            constant=self.constant[points], remainder=self.remainder[points],
+        )  # fmt: skip
 
 
 def start(u_bound: Array, x_max: Array, velocity_name: Array) -> Polygons:
@@ -107,13 +113,9 @@ def cut_family(polygons: Polygons, B: Array, loads: Loads, base: Array, base_ter
     base_terms: what each constant interval term of the loads adds to the row by itself, (P, F, n_c), or (0, 0, 0)
     names: index of each row's name, (F,)
     """
-    points, d, n, _ = loads.terms.shape
     finished = _cut_family(
-        polygons.vertices, polygons.rows, polygons.names, polygons.count,
-        np.ascontiguousarray(B if B.ndim == 3 else B[None]),
-        np.ascontiguousarray(loads.terms).reshape(points, d, 3 * n), loads.kind, loads.group,
-        np.ascontiguousarray(loads.constant), loads.constant_group,
-        np.ascontiguousarray(loads.remainder), loads.remainder_group,
+        polygons.vertices, polygons.rows, polygons.names, polygons.count, np.ascontiguousarray(B if B.ndim == 3 else B[None]),
+        loads.nominal, loads.terms, loads.group, loads.constant, loads.constant_group, loads.remainder, loads.remainder_group,
         loads.lowest, loads.highest, base, base_terms, names,
     )  # fmt: skip
     if not finished:
@@ -173,32 +175,107 @@ def _cut_affine(vertices, edge_rows, edge_names, count, rows, names):  # type: i
 
 
 @nb.njit(cache=True)
-def _cut_family(vertices, edge_rows, edge_names, count, B, terms, kind, group, constant, constant_group, remainder,
+def _wrenches(coefficients, u, x, out):  # type: ignore[no-untyped-def]
+    """out[k] = coefficients (d, n, 3) at (u, x), shape (n, d)."""
+    for k in range(coefficients.shape[1]):
+        for j in range(coefficients.shape[0]):
+            out[k, j] = coefficients[j, k, 0] * u + coefficients[j, k, 1] * x + coefficients[j, k, 2]
+
+
+@nb.njit(cache=True)
+def _row(f, rows, base, own, nominal, terms, group, constant, constant_group, remainder, remainder_group, lowest, highest,
+         swings, remains, u, x, sums):  # type: ignore[no-untyped-def]  # fmt: skip
+    """Affine piece (a, b, c) of a row that is active at (u, x): its value there is a u + b x + c."""
+    G, d = len(lowest), rows.shape[1]
+    sums[:] = 0.0
+    for g in range(G):
+        for i in range(3):
+            for j in range(d):
+                sums[g, i] += rows[f, j] * nominal[j, g, i]
+    for k in range(len(group)):
+        product = 0.0
+        for j in range(d):
+            product += rows[f, j] * swings[k, j]
+        sign = -1.0 if product < 0.0 else 1.0
+        for i in range(3):
+            for j in range(d):
+                sums[group[k], i] += sign * rows[f, j] * terms[j, k, i]
+    for k in range(len(constant_group)):
+        product = own[f, k] if own.shape[0] else 0.0
+        for j in range(d):
+            product += rows[f, j] * constant[j, k]
+        sums[constant_group[k], 2] += abs(product)
+    for k in range(len(remainder_group)):
+        for j in range(d):
+            weight = abs(rows[f, j]) * (-1.0 if remains[k, j] < 0.0 else 1.0)
+            for i in range(3):
+                sums[remainder_group[k], i] += weight * remainder[j, k, i]
+    a, b, c = 0.0, 0.0, 0.0
+    if base.shape[0]:
+        a, b, c = base[f, 0], base[f, 1], base[f, 2]
+    for g in range(G):
+        value = sums[g, 0] * u + sums[g, 1] * x + sums[g, 2]
+        scale = highest[g] if value > 0.0 else lowest[g]
+        a, b, c = a + scale * sums[g, 0], b + scale * sums[g, 1], c + scale * sums[g, 2]
+    return a, b, c
+
+
+@nb.njit(cache=True)
+def _value(f, rows, base_value, own, central, group, constant, constant_group, lowest, highest, swings, remains_box, sums):  # type: ignore[no-untyped-def]
+    """Value of one row with every parameter at its worst."""
+    d = rows.shape[1]
+    for g in range(len(lowest)):
+        sums[g, 0] = central[g]
+        for j in range(d):
+            sums[g, 0] += abs(rows[f, j]) * remains_box[g, j]
+    for k in range(len(group)):
+        product = 0.0
+        for j in range(d):
+            product += rows[f, j] * swings[k, j]
+        sums[group[k], 0] += abs(product)
+    for k in range(len(constant_group)):
+        product = own[f, k] if own.shape[0] else 0.0
+        for j in range(d):
+            product += rows[f, j] * constant[j, k]
+        sums[constant_group[k], 0] += abs(product)
+    value = base_value
+    for g in range(len(lowest)):
+        value += sums[g, 0] * (highest[g] if sums[g, 0] > 0.0 else lowest[g])
+    return value
+
+
+@nb.njit(cache=True)
+def _cut_family(vertices, edge_rows, edge_names, count, B, nominal, terms, group, constant, constant_group, remainder,
                 remainder_group, lowest, highest, base, base_terms, names):  # type: ignore[no-untyped-def]  # fmt: skip
-    F, d = B.shape[1], B.shape[2]
-    n_terms, n_constant, n_remainder, G = len(kind), len(constant_group), len(remainder_group), len(lowest)
-    V2 = np.empty((MAX_VERTICES, 2))
-    R2 = np.empty((MAX_VERTICES, 3))
+    """Cut each polygon until no vertex violates a row. False where a polygon grew beyond MAX_VERTICES.
+
+    Rows are screened: an interval term changes a row by at most |B_f| |W|, summed over the terms once per vertex, and
+    only rows that this bound cannot acquit are evaluated exactly.
+    """
+    F, d, G = B.shape[1], B.shape[2], len(lowest)
+    V2, R2 = np.empty((MAX_VERTICES, 2)), np.empty((MAX_VERTICES, 3))
     L2 = np.empty(MAX_VERTICES, np.int64)
-    valid2 = np.zeros(MAX_VERTICES, np.bool_)
-    valid = np.zeros(MAX_VERTICES, np.bool_)
-    margin = np.zeros((F, G))
-    box = np.zeros((G, d))
-    sums = np.zeros(G)
+    valid, valid2 = np.zeros(MAX_VERTICES, np.bool_), np.zeros(MAX_VERTICES, np.bool_)
+    swings, remains = np.zeros((len(group), d)), np.zeros((len(remainder_group), d))
+    fixed, box, remains_box, sums = np.zeros((G, d)), np.zeros((G, d)), np.zeros((G, d)), np.zeros((G, 3))
+    bounds, bases, central = np.zeros(F), np.zeros(F), np.zeros((F, G))
+    certain = len(group) + len(constant_group) + len(remainder_group) == 0
+    no_base, no_terms = np.zeros((0, 3)), np.zeros((0, 0))
+    sizes, first = np.abs(B[0]), True
     for i in range(len(count)):
         n = count[i]
         if n < 3:
             continue
         rows = B[i] if B.shape[0] > 1 else B[0]
-        coefficients = np.dot(rows, terms[i])
-        if n_constant:
-            products = np.dot(rows, constant[i])
-            if base_terms.shape[0]:
-                products += base_terms[i]
-            margin[:] = 0.0
-            for f in range(F):
-                for k in range(n_constant):
-                    margin[f, constant_group[k]] += abs(products[f, k])
+        if B.shape[0] > 1 or first:
+            sizes, first = np.abs(rows), False
+        coefficients = np.dot(rows, np.ascontiguousarray(nominal[i]).reshape(d, 3 * G))
+        own_base = base[i] if base.shape[0] else no_base
+        own_terms = base_terms[i] if base_terms.shape[0] else no_terms
+        fixed[:] = 0.0
+        for k in range(len(constant_group)):
+            for j in range(d):
+                fixed[constant_group[k], j] += abs(constant[i, j, k])
         valid[:] = False
         finished = False
         for _ in range(20 * MAX_VERTICES):
@@ -211,58 +288,49 @@ def _cut_family(vertices, edge_rows, edge_names, count, B, terms, kind, group, c
                 finished = True
                 break
             u, x = vertices[i, vertex, 0], vertices[i, vertex, 1]
-            if n_remainder:
-                box[:] = 0.0
-                for k in range(n_remainder):
-                    for j in range(d):
-                        box[remainder_group[k], j] += abs(
-                            remainder[i, j, k, 0] * u + remainder[i, j, k, 1] * x + remainder[i, j, k, 2])  # fmt: skip
+            _wrenches(terms[i], u, x, swings)
+            _wrenches(remainder[i], u, x, remains)
+            remains_box[:] = 0.0
+            for k in range(len(remainder_group)):
+                for j in range(d):
+                    remains_box[remainder_group[k], j] += abs(remains[k, j])
+            box[:] = fixed + remains_box
+            for k in range(len(group)):
+                for j in range(d):
+                    box[group[k], j] += abs(swings[k, j])
+            likely, most = 0, -np.inf
+            for f in range(F):
+                bound = own_base[f, 0] * u + own_base[f, 1] * x + own_base[f, 2] if own_base.shape[0] else 0.0
+                bases[f] = bound
+                for g in range(G):
+                    central[f, g] = coefficients[f, 3 * g] * u + coefficients[f, 3 * g + 1] * x + coefficients[f, 3 * g + 2]
+                    value = central[f, g]
+                    if not certain:
+                        for j in range(d):
+                            value += sizes[f, j] * box[g, j]
+                    bound += value * (highest[g] if value > 0.0 else lowest[g])
+                for k in range(own_terms.shape[1]):
+                    bound += abs(own_terms[f, k])
+                bounds[f] = bound
+                if bound > most:
+                    likely, most = f, bound
             worst, worst_row = TOLERANCE, -1
-            if n_terms == 1 and n_remainder == 0 and base.shape[0] == 0 and G == 1:
-                for f in range(F):
-                    value = (coefficients[f, 0] * u + coefficients[f, 1] * x + coefficients[f, 2]) + margin[f, 0]
-                    if value > worst:
-                        worst, worst_row = value, f
-            else:
-                for f in range(F):
-                    value = 0.0
-                    if base.shape[0]:
-                        value = base[i, f, 0] * u + base[i, f, 1] * x + base[i, f, 2]
-                    for g in range(G):
-                        sums[g] = margin[f, g]
-                    for k in range(n_terms):
-                        term = coefficients[f, 3 * k] * u + coefficients[f, 3 * k + 1] * x + coefficients[f, 3 * k + 2]
-                        sums[group[k]] += term if kind[k] == 0 else abs(term)
-                    for g in range(G):
-                        if n_remainder:
-                            for j in range(d):
-                                sums[g] += abs(rows[f, j]) * box[g, j]
-                        value += sums[g] * (highest[g] if sums[g] > 0.0 else lowest[g])
-                    if value > worst:
-                        worst, worst_row = value, f
+            for step in range(-1, F):
+                f = likely if step < 0 else step
+                if bounds[f] <= worst:
+                    continue
+                value = bounds[f] if certain else _value(
+                    f, rows, bases[f], own_terms, central[f], group, constant[i], constant_group, lowest, highest, swings,
+                    remains_box, sums)  # fmt: skip
+                if value > worst:
+                    worst, worst_row = value, f
             if worst_row < 0:
                 valid[vertex] = True
                 continue
-            f = worst_row
-            a, b, c = 0.0, 0.0, 0.0
-            if base.shape[0]:
-                a, b, c = base[i, f, 0], base[i, f, 1], base[i, f, 2]
-            for g in range(G):
-                ga, gb, gc = 0.0, 0.0, margin[f, g]
-                for k in range(n_terms):
-                    if group[k] == g:
-                        ta, tb, tc = coefficients[f, 3 * k], coefficients[f, 3 * k + 1], coefficients[f, 3 * k + 2]
-                        sign = -1.0 if kind[k] == 1 and ta * u + tb * x + tc < 0.0 else 1.0
-                        ga, gb, gc = ga + sign * ta, gb + sign * tb, gc + sign * tc
-                for k in range(n_remainder):
-                    if remainder_group[k] == g:
-                        for j in range(d):
-                            ta, tb, tc = remainder[i, j, k, 0], remainder[i, j, k, 1], remainder[i, j, k, 2]
-                            weight = abs(rows[f, j]) * (-1.0 if ta * u + tb * x + tc < 0.0 else 1.0)
-                            ga, gb, gc = ga + weight * ta, gb + weight * tb, gc + weight * tc
-                scale = highest[g] if ga * u + gb * x + gc > 0.0 else lowest[g]
-                a, b, c = a + scale * ga, b + scale * gb, c + scale * gc
-            n = _clip(vertices[i], edge_rows[i], edge_names[i], valid, n, a, b, c, names[f], V2, R2, L2, valid2)
+            a, b, c = _row(
+                worst_row, rows, own_base, own_terms, nominal[i], terms[i], group, constant[i], constant_group, remainder[i],
+                remainder_group, lowest, highest, swings, remains, u, x, sums)  # fmt: skip
+            n = _clip(vertices[i], edge_rows[i], edge_names[i], valid, n, a, b, c, names[worst_row], V2, R2, L2, valid2)
             if n < 3:
                 n, finished = 0, True
                 break

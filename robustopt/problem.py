@@ -173,9 +173,11 @@ def _limits(config: Config, robot: Robot, path: Path, s: Array, piece: Array) ->
     contacts = []
     for system in systems:
         loaded = [[everything[name] for name in row] for row in system.loads]
-        weight = STANDARD_GRAVITY * sum(body.nominal[0] for row in loaded for body in row)
-        contacts.append(ContactFamily(system, body_loads(motion, loaded, middle, radius), weight))
-    payload = body_loads(motion, [list(everything.values())], middle, radius)
+        parameters = [np.sum([body.nominal for body in row], axis=0) for row in loaded]
+        centred = system.about([phi[1:4] / phi[0] for phi in parameters])
+        weight = STANDARD_GRAVITY * sum(phi[0] for phi in parameters)
+        contacts.append(ContactFamily(centred, body_loads(motion, loaded, centred.points, middle, radius), weight))
+    payload = body_loads(motion, [list(everything.values())], [np.zeros(3)], middle, radius)
     torque = torque_family(motion, robot.limits, payload, middle, radius)
     names = _all_names(robot, tuple(contacts))
     x_max, fastest = _velocity_bound(q1, robot.limits.velocity)

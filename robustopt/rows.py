@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robustopt.contact import ContactSystem
+from robustopt.contact import ContactSystem, about_point
 from robustopt.polygons import Loads
 from robustopt.robot import ArmDynamics, JointLimits
 from robustopt.uncertainty import Body, regressor, spin_regressor
@@ -53,10 +53,13 @@ def path_motion(q1: Array, q2: Array, arm: ArmDynamics) -> PathMotion:
     return PathMotion(q1, q2, arm, np.moveaxis(regressors, 1, -1))
 
 
-def body_loads(motion: PathMotion, loads: Sequence[Sequence[Body]], middle: Array, radius: Array) -> Loads:
+def body_loads(
+    motion: PathMotion, loads: Sequence[Sequence[Body]], about: Sequence[Array], middle: Array, radius: Array
+) -> Loads:
     """Loads of stacked objects, each of which carries the bodies listed for it.
 
-    middle, radius: of the joint acceleration error (n,) [rad/s^2]
+    about: the point that the moments of each object are about, (3,); centres of mass keep the bounds of interval terms
+    tight that the polygons screen their rows with; middle, radius: of the joint acceleration error (n,) [rad/s^2]
     """
     points, _, _, columns = motion.regressors.shape
     joints, d = columns - 3, 6 * len(loads)
@@ -72,7 +75,7 @@ def body_loads(motion: PathMotion, loads: Sequence[Sequence[Body]], middle: Arra
         result = np.zeros((points, d, columns))
         for block, row in enumerate(loads):
             if body in row:
-                result[:, 6 * block : 6 * block + 6] = per_block
+                result[:, 6 * block : 6 * block + 6] = about_point(about[block]) @ per_block
         return result
 
     def at_middle(full: Array) -> Array:
@@ -81,7 +84,7 @@ def body_loads(motion: PathMotion, loads: Sequence[Sequence[Body]], middle: Arra
         result[:, :, 2] += full[:, :, 3:] @ middle
         return result
 
-    terms, kind, group = [], [], []
+    centres, terms, group = [], [], []
     constant, constant_group = [], []
     remainder, remainder_group = [], []
     for g, members in enumerate(groups):
@@ -92,7 +95,6 @@ def body_loads(motion: PathMotion, loads: Sequence[Sequence[Body]], middle: Arra
             for step in body.linear[np.any(body.linear != 0, axis=1)]:
                 full = wrench(mass * step, body)
                 terms.append(at_middle(full))
-                kind.append(1)
                 group.append(g)
                 bound += np.abs(full[:, :, 3:]) @ radius
             for square in body.remainder[np.any(body.remainder != 0, axis=1)]:
@@ -100,21 +102,20 @@ def body_loads(motion: PathMotion, loads: Sequence[Sequence[Body]], middle: Arra
                 remainder.append(at_middle(full))
                 remainder_group.append(g)
                 bound += np.abs(full[:, :, 3:]) @ radius
-        terms.append(at_middle(nominal))
-        kind.append(0)
-        group.append(g)
+        centres.append(at_middle(nominal))
         constant.append(nominal[:, :, 3 + erring] * radius[erring])
         constant_group += [g] * len(erring)
         if np.any(bound):
             remainder.append(np.stack([np.zeros_like(bound), np.zeros_like(bound), bound], axis=2))
             remainder_group.append(g)
+    none = np.zeros((points, d, 0, 3))
     return Loads(
-        terms=np.stack(terms, axis=2),
-        kind=np.array(kind),
-        group=np.array(group),
+        nominal=np.stack(centres, axis=2),
+        terms=np.stack(terms, axis=2) if terms else none,
+        group=np.array(group, dtype=np.int64),
         constant=np.concatenate(constant, axis=2),
         constant_group=np.array(constant_group, dtype=np.int64),
-        remainder=np.stack(remainder, axis=2) if remainder else np.zeros((points, d, 0, 3)),
+        remainder=np.stack(remainder, axis=2) if remainder else none,
         remainder_group=np.array(remainder_group, dtype=np.int64),
         lowest=np.array([1.0] + [body.mass[0] for body in uncertain]),
         highest=np.array([1.0] + [body.mass[1] for body in uncertain]),
@@ -179,7 +180,7 @@ class TorqueFamily:
 
         u, x: (M,); points: (M,) grid point of each; returns (M, 2n)
         """
-        affine = evaluate(self.B[points], take(self.loads, points), self.base[points], self.base_terms[points], u, x)
+        affine = evaluate(self.B[points], self.loads.at(points), self.base[points], self.base_terms[points], u, x)
         return affine + self.viscous[points] * np.sqrt(np.maximum(x, 0.0))[:, None]
 
 
@@ -221,27 +222,19 @@ def acceleration_rows(motion: PathMotion, limits: JointLimits, middle: Array, ra
     return rows / np.r_[limits.acceleration, limits.acceleration][:, None]
 
 
-def take(loads: Loads, points: Array) -> Loads:
-    """The loads at some of the grid points."""
-    return Loads(
-        loads.terms[points], loads.kind, loads.group, loads.constant[points], loads.constant_group,
-        loads.remainder[points], loads.remainder_group, loads.lowest, loads.highest,
-    )  # fmt: skip
-
-
 def evaluate(B: Array, loads: Loads, base: Array, base_terms: Array, u: Array, x: Array) -> Array:
     """Values of a row family at (u, x) with every parameter at its worst, (M, F): the formula of `polygons`, in numpy.
 
     B: (M, F, d) or (F, d); loads at M points; base (M, F, 3) or (0, 0, 3); base_terms (M, F, n_c) or (0, 0, 0)
     """
     point = np.stack([u, x, np.ones_like(u)], axis=1)
+    nominal = B @ np.einsum("mdgk,mk->mdg", loads.nominal, point)
     terms = B @ np.einsum("mdnk,mk->mdn", loads.terms, point)
     constant = B @ loads.constant + (base_terms if base_terms.size else 0.0)
     remainder = np.abs(B) @ np.abs(np.einsum("mdnk,mk->mdn", loads.remainder, point))
     values = np.einsum("mfk,mk->mf", base, point) if base.size else 0.0
     for g, (lowest, highest) in enumerate(zip(loads.lowest, loads.highest, strict=True)):
-        own = loads.group == g
-        v = terms[..., own & (loads.kind == 0)].sum(axis=-1) + np.abs(terms[..., own & (loads.kind == 1)]).sum(axis=-1)
+        v = nominal[..., g] + np.abs(terms[..., loads.group == g]).sum(axis=-1)
         v = v + np.abs(constant[..., loads.constant_group == g]).sum(axis=-1)
         v = v + remainder[..., loads.remainder_group == g].sum(axis=-1)
         values = values + np.where(v > 0, highest, lowest) * v
@@ -254,13 +247,13 @@ def worst_wrench(loads: Loads, y: Array, u: Array, x: Array) -> Array:
     y: (M, d); loads at M points; u, x: (M,)
     """
     point = np.stack([u, x, np.ones_like(u)], axis=1)
+    nominal = np.einsum("mdgk,mk->mdg", loads.nominal, point)
     terms = np.einsum("mdnk,mk->mdn", loads.terms, point)
     sizes = np.abs(np.einsum("mdnk,mk->mdn", loads.remainder, point))
     total = np.zeros_like(y)
     for g, (lowest, highest) in enumerate(zip(loads.lowest, loads.highest, strict=True)):
-        own = loads.group == g
-        w = terms[..., own & (loads.kind == 0)].sum(axis=-1)
-        for swing in (terms[..., own & (loads.kind == 1)], loads.constant[..., loads.constant_group == g]):
+        w = nominal[..., g]
+        for swing in (terms[..., loads.group == g], loads.constant[..., loads.constant_group == g]):
             w = w + np.einsum("mdn,mn->md", swing, np.sign(np.einsum("md,mdn->mn", y, swing)))
         w = w + np.sign(y) * sizes[..., loads.remainder_group == g].sum(axis=-1)
         total += np.where(np.einsum("md,md->m", y, w) > 0, highest, lowest)[:, None] * w

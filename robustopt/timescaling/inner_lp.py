@@ -12,7 +12,7 @@ from __future__ import annotations
 import highspy
 import numpy as np
 
-from robustopt.rows import ContactFamily, evaluate, take, worst_wrench
+from robustopt.rows import ContactFamily, evaluate, worst_wrench
 
 Array = np.ndarray
 
@@ -65,7 +65,7 @@ def missing_rows(family: ContactFamily, program: ForceProgram, known: Array, poi
 
     known: rows (K, d) that the outer program has; they say which parameters are worst to begin with
     """
-    loads = take(family.loads, points)
+    loads = family.loads.at(points)
     wrenches = family.wrench(points, u, x)
     if len(known):
         values = evaluate(known, loads, np.zeros((0, 0, 3)), np.zeros((0, 0, 0)), u, x)
@@ -79,7 +79,7 @@ def missing_rows(family: ContactFamily, program: ForceProgram, known: Array, poi
             _, duals[k] = program.solve(wrenches[k])
         solved += len(pending)
         u_p, x_p = u[pending], x[pending]
-        again = worst_wrench(take(loads, pending), duals[pending], u_p, x_p)
+        again = worst_wrench(loads.at(pending), duals[pending], u_p, x_p)
         value = np.einsum("md,md->m", duals[pending], again)
         found.append(duals[pending][value > VIOLATION])
         worst = max(worst, float(value.max(initial=-np.inf)))
