@@ -115,7 +115,7 @@ def _torque(plan: Plan, points: NDArray[np.intp], u: Array, x: Array) -> Quantit
 
 
 def _figure(plan: Plan, times: Array, quantities: list[Quantity], joints: Sequence[int], title: str) -> Figure:
-    figure = Figure(figsize=(max(1.2 + 1.9 * len(joints), 5.0), 7.6))
+    figure = Figure(figsize=(max(1.2 + 1.9 * len(joints), 6.5), 7.8))
     axes = figure.subplots(len(quantities), len(joints), sharex=True, squeeze=False)
     names = plan.problem.robot.joint_names
     for row, quantity in enumerate(quantities):
@@ -131,12 +131,12 @@ def _figure(plan: Plan, times: Array, quantities: list[Quantity], joints: Sequen
 
 
 def _draw_legend(figure: Figure, shrunk: bool) -> None:
-    """One line at the top right, beside the title."""
+    """One line below the axes."""
     styles = {"plan": VALUE, "plan, its limit binds": BINDING, "limit": LIMIT}
     if shrunk:
         styles["limit less what is uncertain"] = ROBUST_LIMIT
     handles = [Line2D([], [], **style) for style in styles.values()]
-    figure.legend(handles, list(styles), loc="upper right", ncols=len(styles), borderaxespad=0.1)
+    figure.legend(handles, list(styles), loc="outside lower left", ncols=len(styles))
 
 
 def _binding(plan: Plan, limit: str) -> NDArray[np.bool_]:
