@@ -32,6 +32,8 @@ SPLINE_DEGREE = 5
 """Degree of the splines through the samples, so that their second derivatives are smooth."""
 SHORTEST_STEP = 0.0005
 """Steps are halved down to this length before the branch counts as ended [m of sigma]."""
+LIMIT_TOLERANCE = 1e-6
+"""How far a joint may be beyond its limit [rad or m]: a pose on the limit is allowed."""
 MOST_BRANCHES = 16
 """Most branches that are followed: all of an arm of six joints."""
 CLEARANCE_WEIGHT = 0.2
@@ -68,13 +70,13 @@ class Branch:
     @property
     def usable(self) -> bool:
         """Whether it is complete and within the joint limits."""
-        return self.ended_at is None and self.violation <= 0
+        return self.ended_at is None and self.violation <= LIMIT_TOLERANCE
 
 
 def samples(path: TrayPath) -> np.ndarray:
     """Sigma of the poses along which branches are followed, equally spaced within each piece."""
     pieces = [
-        np.linspace(start, end, max(FEWEST_SAMPLES, int(np.ceil((end - start) / SPACING))) + 1)
+        np.linspace(start, end, int(np.clip(np.ceil((end - start) / SPACING), FEWEST_SAMPLES, MOST_SAMPLES)) + 1)
         for start, end in zip(path.breaks[:-1], path.breaks[1:], strict=True)
     ]
     return np.unique(np.concatenate(pieces))
@@ -83,17 +85,19 @@ def samples(path: TrayPath) -> np.ndarray:
 def follow_branches(robot: Robot, path: TrayPath, start: np.ndarray | None) -> list[Branch]:
     """Branches of the inverse kinematics along the path, best first; the one near `start` (n,) only, if that is given.
 
-    An arm that has no spare joints has few; of those of a redundant arm `MOST_BRANCHES` are followed. The list is empty
-    if no solution of the first pose was found.
+    Those that leave the joint limits already at the first pose are followed only if all do; of a redundant arm, which
+    has endlessly many, the `MOST_BRANCHES` furthest inside. The list is empty if the first pose was not solved.
     """
     position, rotation = (value[0] for value in path.pose(np.zeros(1)))
     if start is not None:
         solutions = [solve_pose(robot, position, rotation, start)]
     else:
         solutions = solve_from_everywhere(robot, position, rotation)
+    starts = [_turned_into_limits(robot, solution.q[None])[0] for solution in solutions if solution.converged]
+    starts.sort(key=lambda q: _limit_distances(robot, q[None])[0])
+    inside = [q for q in starts if _limit_distances(robot, q[None])[0] <= LIMIT_TOLERANCE]
     sigma = samples(path)
-    starts = [solution.q for solution in solutions if solution.converged]
-    branches = [follow_branch(robot, path, sigma, q) for q in starts[:MOST_BRANCHES]]
+    branches = [follow_branch(robot, path, sigma, q) for q in (inside or starts)[:MOST_BRANCHES]]
     return sorted(branches, key=lambda branch: (branch.usable, len(branch.q), branch.score), reverse=True)
 
 
@@ -191,7 +195,7 @@ def _follow_in_small_steps(
 def _turned_into_limits(robot: Robot, q: np.ndarray) -> np.ndarray:
     """The same motion with every hinge turned by full turns to where its range fits its limits best."""
     limited = robot.hinges & np.isfinite(robot.limits.lower) & np.isfinite(robot.limits.upper)
-    middle = np.where(limited, (robot.limits.lower + robot.limits.upper) / 2, 0.0)
+    middle = (np.where(limited, robot.limits.lower, 0.0) + np.where(limited, robot.limits.upper, 0.0)) / 2
     turns = np.round((middle - (q.min(axis=0) + q.max(axis=0)) / 2) / (2 * np.pi))
     return q + np.where(robot.hinges, 2 * np.pi * turns, 0.0)
 

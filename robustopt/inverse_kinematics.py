@@ -72,7 +72,7 @@ def rotation_vector(R: np.ndarray) -> np.ndarray:
     x, y, z = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
     sine, cosine = math.sqrt(x * x + y * y + z * z) / 2, (R[0, 0] + R[1, 1] + R[2, 2] - 1) / 2
     if sine < 1e-4 and cosine < 0:
-        return np.asarray(Rotation.from_matrix(R).as_rotvec(), dtype=float)
+        return np.array(Rotation.from_matrix(R).as_rotvec())
     scale = math.atan2(sine, cosine) / (2 * sine) if sine > 1e-9 else 0.5
     return np.array((x * scale, y * scale, z * scale))
 
@@ -85,10 +85,10 @@ def _damped_step(J: np.ndarray, error: np.ndarray) -> np.ndarray:
 
 
 def spread(robot: Robot, count: int) -> np.ndarray:
-    """Joint positions spread over the joint ranges, unlimited joints over a full turn, shape (count, n)."""
-    lower = np.maximum(robot.limits.lower, -np.pi)
-    upper = np.minimum(robot.limits.upper, np.pi)
-    return lower + (upper - lower) * halton(count, robot.n)
+    """Joint positions spread over the joint ranges, shape (count, n); over [-pi, pi] where that is smaller."""
+    narrow = robot.limits.upper - robot.limits.lower < 2 * np.pi
+    lower, upper = np.where(narrow, robot.limits.lower, -np.pi), np.where(narrow, robot.limits.upper, np.pi)
+    return np.asarray(lower + (upper - lower) * halton(count, robot.n))
 
 
 def halton(count: int, dimensions: int) -> np.ndarray:

@@ -11,6 +11,8 @@ from robustopt.config import Config
 from robustopt.errors import ConfigProblem, PathError
 
 KEY = "path.joints"
+MOST_COMPLAINTS = 10
+"""Most repeated waypoints that one error lists: a log of a robot at rest has thousands."""
 SAME_POSITION = 1e-9
 """Joint positions nearer than this are repeated [rad or m]."""
 
@@ -38,8 +40,9 @@ def joint_waypoints(config: Config, joint_names: tuple[str, ...]) -> np.ndarray:
     waypoints = np.array(rows)
     repeated = np.flatnonzero(np.abs(np.diff(waypoints, axis=0)).max(axis=1) < SAME_POSITION)
     if len(repeated):
+        listed = repeated[:MOST_COMPLAINTS].tolist()
         raise PathError(
-            [ConfigProblem(f"{KEY}[{i + 1}]", f"repeats joints[{i}]; leave one of them out") for i in repeated.tolist()]
+            [ConfigProblem(f"{KEY}[{i + 1}]", f"repeats joints[{i}]; leave one of them out") for i in listed]
         )
     return waypoints
 

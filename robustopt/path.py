@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from scipy.interpolate import BSpline, CubicSpline
 
-from robustopt.branches import Branch, BranchLostError, fit_branch, follow_branches
+from robustopt.branches import LIMIT_TOLERANCE, Branch, BranchLostError, fit_branch, follow_branches
 from robustopt.collision import CollisionCheck
 from robustopt.config import Config, PathTolerance
 from robustopt.errors import PathError
@@ -21,9 +21,10 @@ from robustopt.robot import Robot
 from robustopt.tray_path import TrayPath, label, tray_path
 
 CHECK_STEP = 0.02
-"""Largest joint step between the positions that are checked for limits and collisions [rad or m]: 2 cm at 1 m."""
-LIMIT_TOLERANCE = 1e-6
-"""How far a joint may be beyond its limit [rad or m]: a waypoint on the limit is allowed."""
+"""Largest joint step between the positions that are checked for collisions [rad or m]: 2 cm at 1 m."""
+POINTS_PER_KNOT = 8
+FEWEST_POINTS = 200
+"""Density of the points at which the joint limits are checked: an extremum is missed by 1/16 of a knot interval."""
 
 Spline = BSpline | CubicSpline
 
@@ -41,6 +42,9 @@ class Path:
         self.breaks.setflags(write=False)
         self.waypoints.setflags(write=False)
         self._noun = noun
+        self._knots = np.unique(
+            np.concatenate([piece.x if isinstance(piece, CubicSpline) else piece.t for piece in pieces])
+        )
         self._derivatives = [[piece.derivative(order) if order else piece for order in range(4)] for piece in pieces]
 
     def evaluate(self, s: np.ndarray, piece: np.ndarray, order: int = 0) -> np.ndarray:
@@ -63,6 +67,13 @@ class Path:
     def piece_at(self, s: np.ndarray) -> np.ndarray:
         """Index of the piece at `s` (P,): the later one at a stop, the last one at s = 1."""
         return np.clip(np.searchsorted(self.breaks, s, side="right") - 1, 0, len(self.breaks) - 2)
+
+    def fine_grid(self) -> np.ndarray:
+        """Points of s in [0, 1] so dense that the path bends little between them, knots and waypoints included."""
+        knots = np.union1d(np.clip(self._knots, 0.0, 1.0), self.waypoints)
+        parts = max(POINTS_PER_KNOT, -(-FEWEST_POINTS // (len(knots) - 1)))
+        inner = knots[:-1, None] + np.diff(knots)[:, None] * np.arange(parts) / parts
+        return np.append(inner.ravel(), 1.0)
 
     def label(self, s: float) -> str:
         """Where `s` is, in the configuration's words, e.g. "between tray_poses[1] and tray_poses[2], at 40 %"."""
@@ -119,15 +130,17 @@ def _first_sound(paths: Iterable[Path | str], config: Config, robot: Robot, key:
 
 
 def _objection(path: Path, robot: Robot, check: CollisionCheck | None) -> str | None:
-    """What is wrong with the path: the first joint limit it leaves or the first collision, in a sentence; or None."""
-    s = _dense(path)
+    """What is wrong with the path, in a sentence: the joint limit it leaves furthest, or the first collision."""
+    s = path.fine_grid()
     q = path(s)
-    beyond = np.maximum(robot.limits.lower - q, q - robot.limits.upper)
-    outside = np.flatnonzero(beyond.max(axis=1) > LIMIT_TOLERANCE)
-    if len(outside):
-        worst = int(outside[np.argmax(beyond[outside].max(axis=1))])
+    beyond = np.maximum(robot.limits.lower - q, q - robot.limits.upper).max(axis=1)
+    worst = int(np.argmax(beyond))
+    if beyond[worst] > LIMIT_TOLERANCE:
         return f"{path.label(s[worst])}: {limit_sentence(robot, q[worst])}"
-    collision = None if check is None else check.first(q)
+    if check is None:
+        return None
+    s = _thinned(s, q)
+    collision = check.first(path(s))
     if collision is None:
         return None
     first, second = collision.bodies
@@ -137,10 +150,8 @@ def _objection(path: Path, robot: Robot, check: CollisionCheck | None) -> str | 
     )
 
 
-def _dense(path: Path) -> np.ndarray:
-    """Points of the path that are checked: joints move by at most `CHECK_STEP` from one to the next."""
-    s = np.linspace(0.0, 1.0, 201)
-    longest = np.abs(np.diff(path(s), axis=0)).max(axis=1)
-    counts = np.ceil(longest / CHECK_STEP).astype(int).clip(min=1)
-    steps = [np.linspace(a, b, count, endpoint=False) for a, b, count in zip(s[:-1], s[1:], counts, strict=True)]
-    return np.concatenate([*steps, [1.0]])
+def _thinned(s: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Points of the path so that no joint moves by more than `CHECK_STEP` from one to the next."""
+    moved = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(q, axis=0)).max(axis=1))))
+    wanted = np.linspace(0.0, moved[-1], int(np.ceil(moved[-1] / CHECK_STEP)) + 1)
+    return np.asarray(np.interp(wanted, moved, s))

@@ -115,12 +115,13 @@ class Robot:
         tau_0, tau_moving = np.empty((P, n)), np.empty((P, n))
         model, data, site, body = self._model, self._data, self._site, self._body
         site_position, site_rotation = data.site_xpos[site], data.site_xmat[site].reshape(3, 3)
-        springs = bool(np.any(model.jnt_stiffness))
+        springs = np.any(model.jnt_stiffness) or np.any(model.jnt_stiffnesspoly) or model.ntendon
         for i in range(P):
             data.qpos[:] = q[i]
             data.qvel[:] = q1[i]
             mujoco.mj_kinematics(model, data)
             mujoco.mj_comPos(model, data)
+            mujoco.mj_tendon(model, data)
             mujoco.mj_makeM(model, data)
             mujoco.mj_fullM(model, data, mass_matrix[i])
             mujoco.mj_comVel(model, data)

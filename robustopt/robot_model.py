@@ -97,6 +97,7 @@ def load_model(config: Config) -> RobotModel:
     _require_hinges_and_slides(original, file)
     _attach_tray(spec, original, config, file)
     _lock_joints(spec, original, config, file)
+    _require_open_chain(spec, file)
     _place_base(spec, config.robot.base)
     return RobotModel(spec=spec, original=original, file=file, urdf_limits=limits, notes=notes)
 
@@ -178,15 +179,43 @@ def _lock_joints(spec: mujoco.MjSpec, original: mujoco.MjModel, config: Config, 
             body.set_frame(body.parent.add_frame())
         body.pos, body.quat = _pose_in_parent(original, data, original.body(body.name).id)
         body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
-    for name in locked:
-        for item in [*spec.actuators, *spec.sensors, *spec.equalities]:
-            if name in _references(item):
-                spec.delete(item)
+    _delete_joints(spec, set(locked))
+
+
+def _delete_joints(spec: mujoco.MjSpec, joints: set[str]) -> None:
+    """Delete joints with the tendons, couplings, actuators and sensors that hang on them."""
+    target, trn, eq, obj = mujoco.mjtWrap.mjWRAP_JOINT, mujoco.mjtTrn, mujoco.mjtEq, mujoco.mjtObj
+    tendons = {
+        tendon.name
+        for tendon in spec.tendons
+        if any(wrap.type == target and wrap.target.name in joints for wrap in tendon.path)
+    }
+    gone = {"joint": joints, "tendon": tendons}
+    driven = {trn.mjTRN_JOINT: "joint", trn.mjTRN_JOINTINPARENT: "joint", trn.mjTRN_TENDON: "tendon"}
+    coupled = {eq.mjEQ_JOINT: "joint", eq.mjEQ_TENDON: "tendon"}
+    sensed = {obj.mjOBJ_JOINT: "joint", obj.mjOBJ_TENDON: "tendon", obj.mjOBJ_ACTUATOR: "actuator"}
+    actuators = [item for item in spec.actuators if item.target in gone.get(driven.get(item.trntype, ""), ())]
+    gone["actuator"] = {item.name for item in actuators}
+    couplings = [
+        item for item in spec.equalities if {item.name1, item.name2} & set(gone.get(coupled.get(item.type, ""), ()))
+    ]
+    sensors = [item for item in spec.sensors if item.objname in gone.get(sensed.get(item.objtype, ""), ())]
+    for item in [*sensors, *couplings, *actuators]:
+        spec.delete(item)
+    for name in tendons:
+        spec.delete(spec.tendon(name))
+    for name in joints:
         spec.delete(spec.joint(name))
 
 
-def _references(item: object) -> set[str]:
-    return {getattr(item, field) for field in ("target", "objname", "name1", "name2") if hasattr(item, field)}
+def _require_open_chain(spec: mujoco.MjSpec, file: Path) -> None:
+    closing = [item.name or f"{item.name1} and {item.name2}" for item in spec.equalities if item.active]
+    if closing:
+        raise RobotError(
+            f"{file.name} couples its links or joints by equality constraints ({', '.join(closing)}), which a plan "
+            "would not keep; lock their joints, or take the constraints out of the file",
+            key="robot.model",
+        )
 
 
 def _pose_in_parent(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> tuple[np.ndarray, np.ndarray]:

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from robustopt.config import Config
 from robustopt.errors import RobotError
 from robustopt.robot import Robot, load_robot
+from robustopt.robot_model import load_model, resolve_package
 
 FIXTURES = Path(__file__).parent / "fixtures"
 TRAY = {"size": [0.3, 0.3, 0.01], "mass": 1.0}
@@ -405,3 +406,68 @@ def test_a_body_with_several_joints_is_locked_as_a_whole_or_not(tmp_path: Path) 
     position, rotation = both.tray_pose(np.array([[1.0, 2.0]]))
     np.testing.assert_allclose(position[0], [1.0, 2.0, 0.5], atol=1e-12)
     np.testing.assert_allclose(rotation[0], [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12)
+
+
+GRIPPER = """
+<mujoco><compiler angle="radian" autolimits="true"/>
+  <custom><numeric name="velocity_limit" data="1 1 1"/><numeric name="acceleration_limit" data="9 9 9"/></custom>
+  <worldbody><body name="arm"><joint name="swing" actuatorfrcrange="-9 9"/><geom size=".1"/><site name="tool"/>
+    <frame pos="0.1 0 0" euler="0 0 1">
+      <body name="swing"><joint name="left" type="slide" axis="1 0 0" actuatorfrcrange="-9 9"/><geom size=".01"/></body>
+      <body name="r"><joint name="right" type="slide" axis="1 0 0" actuatorfrcrange="-9 9"/><geom size=".01"/></body>
+    </frame></body></worldbody>
+  <tendon><fixed name="grip"><joint joint="left" coef="1"/><joint joint="right" coef="1"/></fixed></tendon>
+  <equality><joint name="both" joint1="left" joint2="right"/></equality>
+  <actuator><motor name="m" joint="swing"/><general name="g" tendon="grip"/></actuator>
+  <sensor><jointpos joint="left"/><tendonpos tendon="grip"/><actuatorfrc actuator="g"/>
+    <framepos objtype="body" objname="swing"/></sensor>
+  <keyframe><key qpos="0 0.1 0.1"/></keyframe>
+</mujoco>
+"""
+
+
+def test_locking_the_fingers_of_a_gripper_takes_out_what_hangs_on_them(tmp_path: Path) -> None:
+    (tmp_path / "gripper.xml").write_text(GRIPPER)
+    config = make_config(
+        {"model": "gripper.xml", "tool": "tool", "locked": {"left": 0.5, "right": 0.0}}, folder=tmp_path
+    )
+    spec = load_model(config).spec
+    model = spec.compile()
+    assert [item.name for item in spec.actuators] == ["m"]
+    assert [item.objname for item in spec.sensors] == ["swing"]
+    assert (model.nv, model.ntendon, model.neq, model.nkey) == (1, 0, 0, 0)
+    finger = np.array(
+        [0.1 + 0.5 * np.cos(1.0), 0.5 * np.sin(1.0), 0.0]
+    )  # moved along the frame that is turned by 1 rad
+    np.testing.assert_allclose(model.body("swing").pos, finger, atol=1e-12)
+
+
+def test_coupled_joints_are_an_error_that_names_the_constraint(tmp_path: Path) -> None:
+    (tmp_path / "gripper.xml").write_text(GRIPPER)
+    message = bad({"model": "gripper.xml", "tool": "tool"}, folder=tmp_path)
+    assert "equality constraints (both)" in message
+
+
+def test_package_addresses_are_looked_up_in_the_share_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "my_arm" / "urdf"
+    folder.mkdir(parents=True)
+    (folder / "arm.urdf").write_text((FIXTURES / "two_links.urdf").read_text())
+    monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path))
+    assert resolve_package("package://my_arm/urdf/arm.urdf") == folder / "arm.urdf"
+    robot = load({"model": "package://my_arm/urdf/arm.urdf", "tool": "tool", "limits": URDF_LIMITS})
+    assert robot.joint_names == ("hinge", "slide")
+
+
+def test_a_urdf_keeps_collision_meshes_that_are_found(tmp_path: Path) -> None:
+    text = (
+        (FIXTURES / "two_links.urdf")
+        .read_text()
+        .replace("package://nowhere_description/meshes/base.stl", "meshes/t.obj")
+    )
+    corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+    (tmp_path / "meshes").mkdir()
+    (tmp_path / "meshes" / "t.obj").write_text(corners)
+    (tmp_path / "two_links.urdf").write_text(text)
+    robot = load(URDF | {"limits": URDF_LIMITS}, folder=tmp_path)
+    assert robot.notes == ()
+    assert robot.spec.compile().nmesh == 1
