@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Indices = NDArray[np.intp]
 
 GAP = 1e-8
 """Width of the bracket of gamma, and unbalanced share of the wrench, at which a program is solved: a hundredth of the
@@ -84,7 +85,7 @@ class Contacts:
     def blocks(self) -> int:
         return 1 + max(face.above for face in self.faces)
 
-    def __getitem__(self, chosen: slice | NDArray[np.intp]) -> Contacts:
+    def __getitem__(self, chosen: slice | Indices) -> Contacts:
         """The contacts of some of the programs."""
         point = self.point if self.point.shape[-1] == 1 else self.point[..., chosen]
         mu = self.mu if self.mu.shape[-1] == 1 else self.mu[..., chosen]

@@ -1,0 +1,46 @@
+"""Worst utilisation of each named limit so far, on the grid and between grid points."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from robustopt.certificate.force_closure import Array, Flags
+
+
+@dataclass(frozen=True)
+class Found:
+    """A utilisation (1 at the limit), the instant it was found at, and the parameters in the configuration's words."""
+
+    utilisation: float
+    instant: int
+    limit: str
+    parameters: Mapping[str, object]
+
+
+@dataclass
+class Tally:
+    """Collects the worst of every limit; `grid` (T,) says which instants are grid points."""
+
+    grid: Flags
+    worst: dict[tuple[str, bool], Found] = field(default_factory=dict)
+    tests: int = 0
+
+    def threshold(self, limit: str) -> Array:
+        """What a utilisation of a limit must exceed to be news, (T,)."""
+        found = {grid: self.worst.get((limit, grid)) for grid in (True, False)}
+        values = {grid: -np.inf if item is None else item.utilisation for grid, item in found.items()}
+        return np.where(self.grid, values[True], values[False])
+
+    def add(self, key: str, found: Found) -> None:
+        """Keep a utilisation of the limit `key` if it is the worst of its kind so far."""
+        place = (key, bool(self.grid[found.instant]))
+        if place not in self.worst or found.utilisation > self.worst[place].utilisation:
+            self.worst[place] = found
+
+    def peaks(self, utilisation: Array) -> list[int]:
+        """Indices of the largest values (T,) on the grid and between grid points, where there are any."""
+        kinds = (np.flatnonzero(self.grid), np.flatnonzero(~self.grid))
+        return [int(kind[np.argmax(utilisation[kind])]) for kind in kinds if len(kind)]
