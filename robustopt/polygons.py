@@ -113,6 +113,8 @@ def cut_family(polygons: Polygons, B: Array, loads: Loads, base: Array, base_ter
     base_terms: what each constant interval term of the loads adds to the row by itself, (P, F, n_c), or (0, 0, 0)
     names: index of each row's name, (F,)
     """
+    if not len(names):
+        return
     finished = _cut_family(
         polygons.vertices, polygons.rows, polygons.names, polygons.count, np.ascontiguousarray(B if B.ndim == 3 else B[None]),
         loads.nominal, loads.terms, loads.group, loads.constant, loads.constant_group, loads.remainder, loads.remainder_group,

@@ -7,6 +7,7 @@ second one starts the next piece of the path, x = 0 at both, and the interval be
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 
 import numba as nb
@@ -68,12 +69,14 @@ def _apportion(lengths: Array, total: int) -> list[int]:
 class Limits:
     """All limits of a problem along its grid, before they are cut into rows.
 
-    outline: polygons of the joint velocity and acceleration limits; contacts: one family per contact system;
+    outline: polygons of the joint velocity limits and of what any acceleration limit allows; acceleration: rows of the
+    joint acceleration limits (P, 2n, 3); contacts: one family per contact system;
     torque: joint torque; names: of all rows; x_max: from joint velocity (P,); velocity_name: (P,) index of its joint
     """
 
     motion: PathMotion
     outline: Polygons
+    acceleration: Array
     contacts: tuple[ContactFamily, ...]
     torque: TorqueFamily
     names: tuple[str, ...]
@@ -89,7 +92,8 @@ class TimeScalingProblem:
     a, b, c: (P, m) rows, each a fraction of its limit, padded with rows that always hold;
     row_names: (m,) name of each column; x_max: (P,), 0 at rest; x_max_names: (P,) which joint's velocity bounds x;
     feasible: (P,) whether any (u, x) satisfies the rows of the point; facets: per contact system the rows its
-    wrenches were held to (F, d); reference: (P,) about which the viscous torque is a tangent, nan for none
+    wrenches were held to (F, d); reference: (P,) about which the viscous torque is a tangent, nan for none;
+    kept: names of the limits that count, None for all
     """
 
     config: Config
@@ -109,6 +113,7 @@ class TimeScalingProblem:
     facets: tuple[Array, ...] = field(repr=False)
     facet_names: tuple[Array, ...] = field(repr=False)
     reference: Array = field(repr=False)
+    kept: frozenset[str] | None = None
 
     @property
     def ds(self) -> Array:
@@ -121,9 +126,25 @@ class TimeScalingProblem:
         names = tuple(_name_index(family, rows, self.limits.names) for family, rows in pairs)
         return _with_rows(self, facets, names, self.reference)
 
+    def only(self, names: Collection[str]) -> TimeScalingProblem:
+        """The same problem with the limits of the given names alone; joint velocity always stays."""
+        return _with_rows(replace(self, kept=frozenset(names)), self.facets, self.facet_names, self.reference)
+
     def with_reference(self, reference: Array) -> TimeScalingProblem:
         """The same problem with the viscous torque linearised about x = reference (P,)."""
         return _with_rows(self, self.facets, self.facet_names, reference)
+
+    def counts(self, index: Array) -> Array:
+        """Whether the limits of these indices into `limits.names` are among those that count, (k,)."""
+        return np.array([self.kept is None or self.limits.names[k] in self.kept for k in index], dtype=bool)
+
+    def torque_excess(self, u: Array, x: Array, points: Array) -> float:
+        """Largest part of a torque limit by which the exact torque exceeds it anywhere, for any value of the parameters.
+
+        u, x: (M,); points: (M,) grid point of each
+        """
+        counted = self.counts(np.tile(np.arange(2 * self.robot.n, 3 * self.robot.n), 2))
+        return float(self.limits.torque.excess(u, x, points)[:, counted].max(initial=-1.0))
 
     def torques(self, u: Array, x: Array) -> Array:
         """Nominal joint torque at grid points for (u, x) there, payload and joint friction included, (P, n) [N m]."""
@@ -181,8 +202,9 @@ def _limits(config: Config, robot: Robot, path: Path, s: Array, piece: Array) ->
     torque = torque_family(motion, robot.limits, payload, middle, radius)
     names = _all_names(robot, tuple(contacts))
     x_max, fastest = _velocity_bound(q1, robot.limits.velocity)
-    outline = _outline(motion, robot, middle, radius, x_max, fastest)
-    return Limits(motion, outline, tuple(contacts), torque, names, x_max, fastest)
+    outline = _outline(motion, robot, middle, x_max, fastest)
+    acceleration = acceleration_rows(motion, robot.limits, middle, radius)
+    return Limits(motion, outline, acceleration, tuple(contacts), torque, names, x_max, fastest)
 
 
 def _all_names(robot: Robot, contacts: tuple[ContactFamily, ...]) -> tuple[str, ...]:
@@ -200,16 +222,14 @@ def _velocity_bound(q1: Array, velocity: Array) -> tuple[Array, Array]:
     return 1.0 / np.maximum(ratio.max(axis=1), 1e-12) ** 2, fastest
 
 
-def _outline(motion: PathMotion, robot: Robot, middle: Array, radius: Array, x_max: Array, fastest: Array) -> Polygons:
+def _outline(motion: PathMotion, robot: Robot, middle: Array, x_max: Array, fastest: Array) -> Polygons:
+    """Rectangles that hold every (u, x) of the acceleration limits, twice as wide as they need to be."""
     limit = robot.limits.acceleration
     rate = np.abs(motion.q1) / limit
     lead = np.argmax(rate, axis=1)
     row = np.arange(len(x_max))
     reach = (1.0 + (np.abs(middle) / limit)[lead] + np.abs(motion.q2[row, lead]) / limit[lead] * x_max) / rate[row, lead]
-    polygons = start(2.0 * reach, x_max, fastest)
-    names = np.tile(np.arange(robot.n, 2 * robot.n), 2)
-    cut_affine(polygons, acceleration_rows(motion, robot.limits, middle, radius), names)
-    return polygons
+    return start(2.0 * reach, x_max, fastest)
 
 
 def _name_index(family: ContactFamily, rows: Array, names: tuple[str, ...]) -> Array:
@@ -227,15 +247,20 @@ def _with_rows(
     problem: TimeScalingProblem, facets: tuple[Array, ...], names: tuple[Array, ...], reference: Array
 ) -> TimeScalingProblem:
     """Cut the polygons of all limits and turn their edges into rows."""
-    limits = problem.limits
+    limits, n = problem.limits, problem.robot.n
+    counts = problem.counts(np.arange(len(limits.names)))
+    joint_names = np.tile(np.arange(n), 2)
     polygons = limits.outline.copy()
+    used = counts[n + joint_names]
+    cut_affine(polygons, limits.acceleration[:, used], (n + joint_names)[used])
     none, no_terms = np.zeros((0, 0, 3)), np.zeros((0, 0, 0))
     for family, rows, index in zip(limits.contacts, facets, names, strict=True):
-        if len(rows):
-            cut_family(polygons, rows, family.loads, none, no_terms, index)
-    n = problem.robot.n
-    base = limits.torque.base_at(reference, limits.x_max)
-    cut_family(polygons, limits.torque.B, limits.torque.loads, base, limits.torque.base_terms, np.tile(np.arange(2 * n, 3 * n), 2))
+        used = counts[index]
+        cut_family(polygons, rows[used], family.loads, none, no_terms, index[used])
+    used = counts[2 * n + joint_names]
+    torque = limits.torque
+    base = torque.base_at(reference, limits.x_max)
+    cut_family(polygons, torque.B[:, used], torque.loads, base[:, used], torque.base_terms[:, used], (2 * n + joint_names)[used])
     a, b, c, columns = _columns(polygons, n, len(limits.names))
     return replace(
         problem, a=a, b=b, c=c, row_names=tuple(limits.names[k] for k in columns), feasible=polygons.count > 0,

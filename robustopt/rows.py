@@ -1,10 +1,11 @@
 """Row families: what each limit demands of (u, x) at every grid point, with all uncertain parameters still open.
 
 Joint acceleration is affine in (u, x). Contact and joint torque are families over the wrenches of the bodies, which
-the polygons cut with (see `polygons`). Joint torque has a viscous part D q' sqrt(x). Where it hurts, it is replaced by
-its tangent at a reference x_r, D |q'| (sqrt(x_r) / 2 + x / (2 sqrt(x_r))), an upper bound of a concave function that is
-exact at x_r; where it helps, by its chord over [0, x_top], a lower bound. Without a reference the chord stands in for
-the tangent: an optimistic row, for a first guess only.
+the polygons cut with (see `polygons`). Joint torque has a viscous part D q' sqrt(x), which is replaced by its tangent at
+a reference x_r, D q' (sqrt(x_r) / 2 + x / (2 sqrt(x_r))). Where friction hurts, the tangent is an upper bound of a
+concave function, hence sound; where it helps, it is not, so a plan counts as solved only once its exact torque has been
+checked. Both are exact at x_r, and the reference follows the plan until they agree. Without a reference the chord over
+[0, x_top] stands in: a first guess, which is final where no torque comes near its limit.
 """
 
 from __future__ import annotations
@@ -157,12 +158,11 @@ class TorqueFamily:
     viscous: Array
 
     def base_at(self, reference: Array, x_top: Array) -> Array:
-        """Affine base rows with the viscous part bounded, (P, 2n, 3); reference (P,), nan for none."""
+        """Affine base rows with the viscous part linearised, (P, 2n, 3); reference (P,), nan for none."""
         base = self.base.copy()
-        top = np.sqrt(x_top)[:, None]
-        root = np.sqrt(np.maximum(reference, 1e-6 * x_top))[:, None]
-        tangent = (self.viscous > 0) & np.isfinite(root)
-        base[:, :, 1] += np.where(tangent, self.viscous / (2 * root), self.viscous / top)
+        root = np.sqrt(np.where(reference > 0, reference, np.nan))[:, None]
+        tangent, chord = np.isfinite(root), np.isnan(reference)[:, None]
+        base[:, :, 1] += np.where(tangent, self.viscous / (2 * root), np.where(chord, self.viscous / np.sqrt(x_top)[:, None], 0.0))
         base[:, :, 2] += np.where(tangent, self.viscous * root / 2, 0.0)
         return base
 

@@ -2,7 +2,7 @@
 
 `solve` repeats an outer solver (`reachability` or `ipopt`) until two things hold that its rows may lack: contact forces
 exist at both ends of every interval for every value of the parameters (inner programs, whose duals become rows), and
-the viscous torque, of which the rows have a linear bound, is within its limit and no longer than it must be.
+the viscous torque, which the rows have linearised, is within its limit and the linearisation has settled.
 """
 
 from __future__ import annotations
@@ -24,8 +24,14 @@ MOST_ROUNDS = 60
 TORQUE_TOLERANCE = 1e-7
 """Fraction of a torque limit by which the relinearised torque may exceed it."""
 
+RETREAT, MOST_RETREATS = 0.2, 10
+"""A tangent about too fast a plan may forbid every slower one: then the reference is scaled down until one is left."""
+
+NEAR_TORQUE = 1e-3
+"""A plan that comes this close to a torque limit, as a fraction of it, is linearised about: friction may help it."""
+
 SAME_DURATION = 1e-6
-"""Relinearising the viscous torque ends when it no longer shortens the plan by this fraction."""
+"""Relinearising the viscous torque ends when it no longer changes the duration by this fraction."""
 
 
 def solve(problem: TimeScalingProblem, method: str | None = None) -> Plan:
@@ -41,20 +47,22 @@ def solve(problem: TimeScalingProblem, method: str | None = None) -> Plan:
         problem = problem.with_facets(tuple(np.zeros_like(rows[:0]) for rows in problem.facets))
     programs: dict[int, object] = {}
     figures = {"rounds": 0.0, "inner_programs": 0.0, "inner_seconds": 0.0, "relinearisations": 0.0}
-    plan = _outer(problem, method, None)
+    plan, before = _outer(problem, method, None), np.inf
     for _ in range(MOST_ROUNDS):
         figures["rounds"] += 1
         if plan.status is not Status.SOLVED:
             break
         tighter = _with_missing_rows(plan, method, programs, figures)
         if tighter is None:
-            tighter = _relinearised(plan)
+            tighter = _relinearised(plan, before)
             figures["relinearisations"] += tighter is not None
         if tighter is None:
             break
-        previous, plan = plan, _outer(tighter, method, plan.x)
-        if plan.status is Status.SOLVED and tighter.facets is previous.problem.facets and _settled(previous, plan):
-            break
+        before, plan = plan.duration, _outer(tighter, method, plan.x)
+        for _ in range(MOST_RETREATS):
+            if plan.status is not Status.INFEASIBLE or np.isnan(plan.problem.reference).all():
+                break
+            plan = _outer(plan.problem.with_reference(RETREAT * plan.problem.reference), method, None)
     else:
         plan = failed_plan(plan.problem, Status.ITERATION_LIMIT, method, Status.ITERATION_LIMIT.sentence, -1, plan.statistics)
     figures["solve_seconds"] = time.perf_counter() - began
@@ -89,7 +97,7 @@ def _with_missing_rows(
     from robustopt.timescaling.inner_lp import ForceProgram, missing_rows
 
     began = time.perf_counter()
-    points, u, x = interval_ends(problem, plan.x, plan.u)
+    u, x, points = interval_ends(problem, plan.x, plan.u)
     facets, found = list(problem.facets), 0
     for k in open_systems:
         family = problem.limits.contacts[k]
@@ -103,26 +111,14 @@ def _with_missing_rows(
     return problem.with_facets(tuple(facets)) if found else None
 
 
-def _relinearised(plan: Plan) -> TimeScalingProblem | None:
-    """The problem with the viscous torque linearised about its plan, None if the rows hold the exact torque already.
+def _relinearised(plan: Plan, before: float) -> TimeScalingProblem | None:
+    """The problem with the viscous torque linearised about its plan, None if the plan holds the exact torque already.
 
-    Where a plan without a reference exceeds the torque, the reference is set there; once set it follows the plan.
+    before: duration of the plan that the linearisation was about, which must have settled [s]
     """
     problem = plan.problem
-    points, u, x = interval_ends(problem, plan.x, plan.u)
-    excess = problem.limits.torque.excess(u, x, points).max(axis=1)
-    worst = np.full(len(problem.s), -np.inf)
-    np.maximum.at(worst, points, excess)
-    known = np.isfinite(problem.reference)
-    if not known.any() and worst.max() <= TORQUE_TOLERANCE:
-        return None
-    reference = np.where(known | (worst > TORQUE_TOLERANCE), plan.x, problem.reference)
-    return problem.with_reference(reference)
-
-
-def _settled(previous: Plan, plan: Plan) -> bool:
-    """Whether relinearising ended: the earlier plan held the exact torque, and the later one is hardly shorter."""
-    before, after = previous.problem.reference, plan.problem.reference
-    if not np.array_equal(np.isfinite(before), np.isfinite(after)):
-        return False
-    return abs(previous.duration - plan.duration) <= SAME_DURATION * plan.duration
+    excess = problem.torque_excess(*interval_ends(problem, plan.x, plan.u))
+    if np.isnan(problem.reference).all():
+        return problem.with_reference(plan.x) if excess > -NEAR_TORQUE else None
+    settled = abs(before - plan.duration) <= SAME_DURATION * plan.duration
+    return None if settled and excess <= TORQUE_TOLERANCE else problem.with_reference(plan.x)

@@ -46,6 +46,8 @@ def solve_ipopt(problem: TimeScalingProblem, guess: Array | None = None) -> Plan
         return failed_plan(problem, Status.INFEASIBLE, "ipopt", Status.INFEASIBLE.sentence, stuck, figures)
     x, outcome, iterations = _minimise(problem, feasible_x if guess is None else guess, OPTIONS)
     figures = {"solver_seconds": time.perf_counter() - began, "ipopt_iterations": float(iterations)}
+    if outcome == "User_Requested_Stop":  # what CasADi makes of Ctrl-C
+        raise KeyboardInterrupt
     if outcome not in ("Solve_Succeeded", "Solved_To_Acceptable_Level"):
         status = Status.ITERATION_LIMIT if outcome == "Maximum_Iterations_Exceeded" else Status.FAILED
         return failed_plan(problem, status, "ipopt", f"{status.sentence} Ipopt says {outcome}.", -1, figures)

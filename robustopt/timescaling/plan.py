@@ -70,10 +70,10 @@ def controls_of(ds: Array, x: Array) -> Array:
 
 
 def interval_ends(problem: TimeScalingProblem, x: Array, u: Array) -> tuple[Array, Array, Array]:
-    """Grid point, u and x at both ends of every interval that has a length, (M,) each."""
+    """u, x and grid point at both ends of every interval that has a length, (M,) each."""
     moving = np.flatnonzero(problem.ds > 0)
     points = np.r_[moving, moving + 1]
-    return points, np.r_[u[moving], u[moving]], x[points]
+    return np.r_[u[moving], u[moving]], x[points], points
 
 
 def solved_plan(problem: TimeScalingProblem, x: Array, method: str, statistics: Mapping[str, float]) -> Plan:
