@@ -14,8 +14,9 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex
 from scipy.optimize import linprog
 
+from robustopt.certificate import certify
 from robustopt.config import AccelerationError, load_config
-from robustopt.plotting import Utilisation, contacts_figure, house_style, phase_plane, shares_figure, write_figures
+from robustopt.plotting import contacts_figure, figures, house_style, phase_plane, shares_figure, write_figures
 from robustopt.plotting.joints import joint_figures, joint_quantities
 from robustopt.plotting.style import LIMIT_COLOURS, OTHER, limit_colours, percent
 from robustopt.plotting.velocity_limit import largest_x, velocity_limits
@@ -62,7 +63,7 @@ class Problem:
         self.row_names = tuple(f"joint{k + 1} acceleration" for k in range(n)) * 2
         self.feasible = np.ones(self.s.size, dtype=bool)
         self.rest = np.isin(np.arange(self.s.size), [0, half.size - 1, half.size, self.s.size - 1])
-        self.config = SimpleNamespace(name="wave", uncertainty=SimpleNamespace(joint_acceleration=error))
+        self.config = SimpleNamespace(name="wave", objects={}, uncertainty=SimpleNamespace(joint_acceleration=error))
         x_max = np.min((3.0 / np.maximum(np.abs(self.q1), 1e-9)) ** 2, axis=1)
         self.facets = ()
         self.limits = SimpleNamespace(x_max=x_max, torque=self, contacts=())
@@ -369,27 +370,33 @@ def test_bars_beyond_the_twelfth_are_one():
 
 def test_contacts_figure_shows_an_exceeded_limit():
     t = np.linspace(0, 1, 5)
-    figure = contacts_figure({"a on tray": Utilisation(t, t, 2 * t), "b on a": Utilisation(t, t, t)}, "")
+    figure = contacts_figure(t, {"a on tray": (t, 1.5 * t), "b on a": (t, t)}, "wave", {"b on a": 0.4321})
     first, second = figure.axes
-    assert first.get_ylim()[1] > 2.0
-    assert [axes.get_title(loc="left") or axes.get_title() for axes in (first, second)] == ["a on tray", "b on a"]
-    np.testing.assert_array_equal(first.get_lines()[2].get_ydata(), 2 * t)
+    assert first.get_ylim()[1] > 1.5
+    assert [axes.get_title(loc="left") or axes.get_title() for axes in figure.axes] == [
+        "a on tray",
+        "b on a, at worst 43.2 %",
+    ]
+    np.testing.assert_array_equal(first.get_lines()[2].get_ydata(), 1.5 * t)
+    assert second.get_lines()[0].get_ydata()[0] == 1.0
+
+
+def test_contacts_figure_of_a_bridge_and_of_an_object_that_lifts_off():
+    t = np.linspace(0, 1, 5)
+    lifted = np.where(t > 0.9, np.inf, t)
+    figure = contacts_figure(t, {"plank": (t, np.full(5, np.nan)), "a on tray": (lifted, t)}, "wave")
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["balance", "slip", "tipping"]
+    assert np.isfinite(figure.axes[0].get_ylim()[1])
+    assert figure.axes[1].get_lines()[1].get_ydata()[-1] == 2.0
 
 
 # files ----------------------------------------------------------------------------------------------------------------
 
 
-def utilisation_of(plan):
-    t = Trajectory.from_plan(plan).times
-    return {"box on tray": Utilisation(t, t / t[-1], 0.5 * t / t[-1])}
-
-
 def test_same_run_gives_the_same_files(tmp_path):
     plan = fastest_plan(2, 20)
-    names = ["binding", "contacts", "joints", "phase_plane"]
-    first, second = (
-        write_figures(plan, plan.problem.config, tmp_path / folder, utilisation_of(plan)) for folder in ("a", "b")
-    )
+    first, second = (write_figures(plan, plan.problem.config, tmp_path / folder) for folder in ("a", "b"))
+    names = ["binding", "joints", "phase_plane"]
     assert sorted(path.name for path in first) == sorted(
         f"{name}.{suffix}" for name in names for suffix in ("svg", "png")
     )
@@ -458,7 +465,22 @@ def test_acceleration_stays_within_its_robust_limits(waiter):
         assert np.all((acceleration.value[:, joint] >= lower - 1e-6) & (acceleration.value[:, joint] <= upper + 1e-6))
 
 
+def test_contacts_of_a_real_plan(waiter):
+    """The lower block is at its limit with the worst parameters; 2 mm of 40 and more short of it with the configured."""
+    plan = waiter["reachability"]
+    config = plan.problem.config
+    with house_style():
+        figure = figures(plan, config, certify(config, plan))["contacts"]
+    lower, upper = figure.axes
+    assert lower.get_title(loc="left").startswith("lower on tray, at worst 100.")
+    assert upper.get_title(loc="left").startswith("upper on lower, at worst")
+    tipping = lower.get_lines()[2].get_ydata()
+    assert 0.5 < tipping.max() < 1 - 2 / 40
+
+
 def test_real_plan_is_drawn(waiter, tmp_path):
     plan = waiter["ipopt"]
     paths = write_figures(plan, plan.problem.config, tmp_path)
-    assert {path.name for path in paths} >= {"phase_plane.svg", "joints.png", "binding.svg"}
+    assert [path.name for path in paths] == [
+        f"{name}.{suffix}" for name in ("phase_plane", "joints", "contacts", "binding") for suffix in ("svg", "png")
+    ]

@@ -3,30 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from robustopt.plotting.style import BLUE, GREY, INK, ORANGE, limit_colours, percent
+from robustopt.plotting.style import BLUE, GREEN, GREY, INK, ORANGE, limit_colours, percent
 
 Array = NDArray[np.float64]
 
+Utilisation = Mapping[str, tuple[Array, Array]]
+"""Used part of the friction (slip) and of the contact patch (tipping), 1 at the limit, (M,) each, by contact."""
+
 MOST_BARS = 12
 
-
-class Utilisation(NamedTuple):
-    """Used part of what a contact interface can bear over time, 1 at the limit, all of shape (T,).
-
-    Attributes:
-        times: [s].
-        slip, tipping: used part of the friction, and of the contact patch.
-    """
-
-    times: Array
-    slip: Array
-    tipping: Array
+FAR = 2.0
+"""Utilisations beyond this, up to that of an object that lifts off, which is infinite, are drawn here."""
 
 
 def shares_figure(shares: Mapping[str, float], title: str) -> Figure:
@@ -54,21 +46,33 @@ def shares_figure(shares: Mapping[str, float], title: str) -> Figure:
     return figure
 
 
-def contacts_figure(utilisation: Mapping[str, Utilisation], title: str) -> Figure:
-    """One row per interface: used part of the friction and of the contact patch over time, 1 at the limit."""
-    figure = Figure(figsize=(9, 0.9 + 1.5 * len(utilisation)))
+def contacts_figure(
+    times: Array, utilisation: Utilisation, title: str, worst: Mapping[str, float] | None = None
+) -> Figure:
+    """One row per contact: used part of the friction and of the contact patch over time, 1 at the limit.
+
+    Args:
+        times: shape (M,), [s].
+        utilisation: slip and tipping at the configured values, both of shape (M,), by the name of the contact; a bridge
+            has the balance of all its contacts and no tipping, which is nan throughout.
+        title: title of the figure.
+        worst: largest utilisation over all uncertain parameters, by the name of the contact.
+    """
+    figure = Figure(figsize=(9, 1.1 + 1.5 * len(utilisation)))
     rows = figure.subplots(len(utilisation), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
-    highest = 1.0
-    for axes, (name, used) in zip(rows, utilisation.items(), strict=True):
+    for axes, (name, (slip, tipping)) in zip(rows, utilisation.items(), strict=True):
+        bridge = bool(np.isnan(tipping).all())
         axes.axhline(1.0, color=INK, linewidth=0.8)
-        axes.plot(used.times, used.slip, color=BLUE, label="slip")
-        axes.plot(used.times, used.tipping, color=ORANGE, label="tipping")
-        axes.set_title(name)
-        axes.set_xlim(used.times[0], used.times[-1])
-        highest = max(highest, float(np.nanmax(used.slip)), float(np.nanmax(used.tipping)))
-    rows[0].set_ylim(0, 1.08 * highest)
-    rows[0].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+        axes.plot(times, np.minimum(slip, FAR), color=GREEN if bridge else BLUE, label="balance" if bridge else "slip")
+        if not bridge:
+            axes.plot(times, np.minimum(tipping, FAR), color=ORANGE, label="tipping")
+        axes.set_title(name + (f", at worst {100 * worst[name]:.1f} %" if worst and name in worst else ""))
+    finite = np.minimum(np.stack([curve for pair in utilisation.values() for curve in pair]), FAR)
+    rows[0].set_ylim(0, 1.08 * max(1.0, float(np.nanmax(finite))))
+    rows[0].set_xlim(times[0], times[-1])
+    handles = {label: line for axes in rows for line, label in zip(*axes.get_legend_handles_labels(), strict=True)}
+    figure.legend(list(handles.values()), list(handles), loc="outside lower left", ncols=len(handles))
     rows[-1].set_xlabel("time [s]")
     figure.supylabel("used part of the limit [1]", fontsize=9)
-    figure.suptitle(title, x=0.01, ha="left")
+    figure.suptitle(f"{title}, contacts at the configured values", x=0.01, ha="left")
     return figure
