@@ -14,11 +14,12 @@ from scipy.spatial.transform import Rotation
 
 import robustopt.path
 from robustopt.collision import CollisionCheck
-from robustopt.config import Config, PathConfig
+from robustopt.config import Config, PathConfig, load_config
 from robustopt.errors import PathError, RobotError
 from robustopt.inverse_kinematics import rotation_vector
 from robustopt.path import build_path
 from robustopt.robot import Robot, load_robot
+from robustopt.robot_model import resolve_package
 from robustopt.tray_path import TURN_LENGTH, TrayPath, tray_path
 
 FIXTURES = Path(__file__).parent / "fixtures"
@@ -510,3 +511,42 @@ def test_repeated_and_misshapen_waypoints_are_errors() -> None:
     message = refused({"joints": [rest, [1, 0, 0], [1, 0, 0, 0, 0]]})
     assert "path.joints[1]: has 3 values; the robot has 4 joints" in message
     assert "path.joints[2]: has 5 values" in message
+
+
+# shipped configurations
+
+CONFIGS = sorted((Path(__file__).parents[1] / "configs").glob("waiter_*.yaml"))
+
+
+@pytest.mark.parametrize("file", CONFIGS, ids=[file.stem for file in CONFIGS])
+def test_the_paths_of_the_shipped_configurations_follow_their_tray_paths(file: Path) -> None:
+    config = load_config(file)
+    if config.robot.model.startswith("package://") and resolve_package(config.robot.model) is None:
+        pytest.skip("needs the optional package example-robot-data: pip install robustopt[robots]")
+    robot = load_robot(config)
+    path, wanted = build_path(config, robot), tray_path(config.path)
+    s = np.linspace(0, 1, 501)
+    position, rotation = robot.tray_pose(path(s))
+    wanted_position, wanted_rotation = wanted.pose(s * wanted.length)
+    assert np.linalg.norm(position - wanted_position, axis=1).max() < config.path.tolerance.position
+    turn = Rotation.from_matrix(rotation.transpose(0, 2, 1) @ wanted_rotation).magnitude().max()
+    assert turn < config.path.tolerance.angle
+    assert np.minimum(path(s) - robot.limits.lower, robot.limits.upper - path(s)).min() > 0.05
+
+
+def test_a_redundant_arm_with_locked_fingers_from_its_urdf_file() -> None:
+    model = "package://example-robot-data/robots/panda_description/urdf/panda.urdf"
+    if resolve_package(model) is None:
+        pytest.skip("needs the optional package example-robot-data: pip install robustopt[robots]")
+    panda = {
+        "model": model,
+        "tool": "panda_hand",
+        "locked": {"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02},
+        "limits": {"all": {"acceleration": 10.0}},
+    }
+    tray = {"size": [0.24, 0.24, 0.01], "mass": 0.5, "pose": {"position": [0.0, 0.0, 0.13]}}
+    listed = poses((0.45, -0.35, 0.5), (0.55, 0.0, 0.6), (0.45, 0.35, 0.5))
+    path, robot = build({"tray_poses": listed, "blend": 0.1}, panda, tray)
+    assert robot.n == 7
+    assert robot.notes == ()
+    assert np.abs(path(np.linspace(0, 1, 300), 1)).max() < 10
