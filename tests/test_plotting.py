@@ -466,7 +466,7 @@ def test_acceleration_stays_within_its_robust_limits(waiter):
 
 
 def test_contacts_of_a_real_plan(waiter):
-    """The lower block is at its limit with the worst parameters; 2 mm of 40 and more short of it with the configured."""
+    """The lower block is at its limit with the worst parameters; 2 mm of 40 and more short of it with those given."""
     plan = waiter["reachability"]
     config = plan.problem.config
     with house_style():
