@@ -11,9 +11,10 @@ import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from datetime import UTC, datetime
 from importlib import metadata
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -91,23 +92,26 @@ def read_summary(folder: Path) -> dict[str, Any]:
 
 
 def write_json(path: Path, data: Mapping[str, Any]) -> None:
-    """Write a JSON file; numbers that are not finite become null, which every reader of JSON understands."""
+    """Write a JSON file of what `plain_data` makes of the values."""
     path.write_text(json_text(data) + "\n", encoding="utf-8")
 
 
 def json_text(data: Mapping[str, Any]) -> str:
-    """One JSON object, indented; numbers that are not finite become null."""
-    return json.dumps(_finite(data), indent=2, ensure_ascii=False, allow_nan=False)
+    """One JSON object, indented, of what `plain_data` makes of the values."""
+    return json.dumps(plain_data(data), indent=2, ensure_ascii=False, allow_nan=False)
 
 
-def _finite(value: Any) -> Any:
+def plain_data(value: Any) -> Any:
+    """Dataclasses, mappings and arrays as dicts, lists and numbers; a number that is not finite is None in JSON."""
+    if is_dataclass(value):
+        value = {entry.name: getattr(value, entry.name) for entry in fields(value)}
     if isinstance(value, Mapping):
-        return {str(key): _finite(inner) for key, inner in value.items()}
+        return {str(key): plain_data(inner) for key, inner in value.items()}
     if hasattr(value, "tolist"):
         value = value.tolist()
     if isinstance(value, (list, tuple)):
-        return [_finite(inner) for inner in value]
-    return None if isinstance(value, float) and not abs(value) < float("inf") else value
+        return [plain_data(inner) for inner in value]
+    return None if isinstance(value, float) and not isfinite(value) else value
 
 
 def write_origin(folder: Path, config: Config, model_file: Path, arguments: Sequence[str]) -> None:

@@ -106,7 +106,8 @@ def test_a_block_that_fails_leaves_nothing_behind(tmp_path, error):
             fill(run.folder)
             raise error
 
-    pytest.raises(error, block)
+    with pytest.raises(error):
+        block()
     assert list(tmp_path.iterdir()) == []
 
 

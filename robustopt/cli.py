@@ -1,0 +1,261 @@
+"""The command line: a thin layer over the library. Heavy packages are imported by the commands that need them."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from robustopt import __version__
+from robustopt.errors import ConfigError, RobustOptError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from robustopt.config import Config
+
+INTERRUPTED = 130
+_INTERRUPTED = "interrupted; nothing half-written is left"
+
+app = typer.Typer(
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+    no_args_is_help=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    help="Fastest robot motions under frictional contact that hold for every value of what is uncertain.",
+    epilog="Exit codes: 0 done, 2 configuration or usage, 3 infeasible, 4 solver or certificate failed, "
+    "130 interrupted.",
+)
+
+
+class Method(StrEnum):
+    ipopt = "ipopt"
+    reachability = "reachability"
+
+
+class Effort(StrEnum):
+    quick = "quick"
+    full = "full"
+
+
+ConfigFile = Annotated[Path, typer.Argument(metavar="CONFIG", help="YAML file; see docs/configuration.md")]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Argument(metavar="KEY=VALUE", help="other values for keys, e.g. contact.friction=0.3 'uncertainty={}'"),
+]
+Json = Annotated[bool, typer.Option("--json", help="print one JSON object instead of text, also for errors")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="print nothing but errors")]
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        print(f"robustopt {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def common(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="print the version")
+    ] = False,
+) -> None:
+    """Options before the command."""
+
+
+@app.command()
+def plan(
+    config: ConfigFile,
+    overrides: Overrides = None,
+    out: Annotated[
+        Path | None, typer.Option(help="run folder, new or empty; default: results/NAME/TIME", show_default=False)
+    ] = None,
+    method: Annotated[Method | None, typer.Option(help="solver.method", show_default=False)] = None,
+    seed: Annotated[int | None, typer.Option(help="seed of all random numbers", show_default=False)] = None,
+    certify: Annotated[
+        Effort, typer.Option(help="quick: at most a second; full: many more draws and all worst corners")
+    ] = Effort.quick,
+    figures: Annotated[bool, typer.Option(help="draw the figures")] = True,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="print the resolved configuration and the size of the problem, and stop")
+    ] = False,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> int:
+    """Find the fastest timing of a path that holds for every value in the intervals, and write a run folder."""
+    changes = _changes(overrides, method, seed)
+    task = _load(config, changes)
+    try:
+        if dry_run:
+            return _dry_run(task, json, quiet)
+        return _plan(task, out, certify.value, figures, json, quiet)
+    except ConfigError as error:
+        from robustopt.config import located
+
+        raise located(error, config, changes) from None
+
+
+@app.command()
+def validate(config: ConfigFile, overrides: Overrides = None, json: Json = False, quiet: Quiet = False) -> int:
+    """Check a configuration: every mistake with its place, what was found and what would be right."""
+    task = _load(config, overrides or [])
+    if json:
+        _print_json({"valid": True, "name": task.name})
+    elif not quiet:
+        print(f"{config}: valid")
+    return 0
+
+
+@app.command()
+def report(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="run folder that `robustopt plan` wrote")],
+    json: Json = False,
+    quiet: Quiet = False,
+) -> int:
+    """Print the summary of a stored run."""
+    from robustopt.store import read_summary
+
+    data = read_summary(run)
+    _show(data, run, json, quiet)
+    return 0
+
+
+def _changes(overrides: Sequence[str] | None, method: Method | None, seed: int | None) -> list[str]:
+    """Overrides with the options that are short for one; the options come last and win."""
+    changes = list(overrides or [])
+    if method is not None:
+        changes.append(f"solver.method={method.value}")
+    if seed is not None:
+        changes.append(f"seed={seed}")
+    return changes
+
+
+def _load(path: Path, overrides: Sequence[str]) -> Config:
+    from robustopt.config import load_config
+
+    return load_config(path, overrides)
+
+
+def _plan(config: Config, out: Path | None, certify: Any, figures: bool, json: bool, quiet: bool) -> int:
+    from robustopt.store import new_run
+
+    with new_run(config.name, out) as run:
+        with _status("planning", json or quiet):
+            from robustopt.experiment import plan_task, write_run
+
+            result = plan_task(config, certify)
+            _stop_if_interrupted()
+        with _status("writing", json or quiet):
+            from robustopt.report import write_figures_and_page
+
+            data = write_run(result, run.folder, sys.argv[1:])
+            write_figures_and_page(result, data, run.folder, figures)
+            _stop_if_interrupted()
+    _show(data, run.place, json, quiet)
+    return result.exit_code
+
+
+def _dry_run(config: Config, json: bool, quiet: bool) -> int:
+    from robustopt.config import dump, resolved
+    from robustopt.experiment import problem_size
+    from robustopt.problem import build_problem
+
+    with _status("building the problem", json or quiet):
+        size = problem_size(build_problem(config))
+    if json:
+        _print_json({"config": resolved(config), "size": size})
+    elif not quiet:
+        from robustopt.report import print_rows, rows
+
+        print(dump(config), end="")
+        print_rows("Problem", rows(size), _console())
+    return 0
+
+
+# Interruption ---------------------------------------------------------------------------------------------
+
+_interruptions: list[int] = []
+
+
+def _on_interrupt(signal_number: int, _frame: object) -> None:
+    _interruptions.append(signal_number)
+    raise KeyboardInterrupt
+
+
+def _stop_if_interrupted() -> None:
+    """Stop where a library has swallowed the KeyboardInterrupt of Ctrl-C, as CasADi does."""
+    if _interruptions:
+        raise KeyboardInterrupt
+
+
+# Output ---------------------------------------------------------------------------------------------------
+
+
+def _console(stderr: bool = False) -> Console:
+    from rich.console import Console
+
+    return Console(stderr=stderr, highlight=False)
+
+
+def _status(text: str, silent: bool) -> AbstractContextManager[object]:
+    """A line that says what is going on, where a person is watching."""
+    return nullcontext() if silent or not sys.stderr.isatty() else _console(stderr=True).status(text)
+
+
+def _show(data: dict[str, Any], place: Path, json: bool, quiet: bool) -> None:
+    if json:
+        failed = {} if data["status"] == "solved" else {"error": {"kind": data["status"], "message": data["message"]}}
+        _print_json({**data, "folder": str(place), **failed})
+    elif not quiet:
+        from robustopt.report import print_summary
+
+        print_summary(data, _console(), place)
+    elif data["status"] != "solved":
+        print(f"{data['name']}: {data['status']}: {data['message']}", file=sys.stderr)
+
+
+def _print_json(data: dict[str, Any]) -> None:
+    from robustopt.store import json_text
+
+    print(json_text(data))
+
+
+def _fail(kind: str, message: str, code: int, json: bool, problems: Sequence[dict[str, str]] = ()) -> int:
+    if json:
+        error = {"kind": kind, "message": message, "exit_code": code, "problems": list(problems)}
+        _print_json({"error": error})
+    else:
+        for line in message.splitlines():
+            print(f"error: {line}", file=sys.stderr)
+    return code
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run a command and return its exit code; what a person did wrong becomes a message, never a traceback."""
+    json = "--json" in arguments
+    try:
+        code = app(list(arguments), prog_name="robustopt", standalone_mode=False) or 0
+        return _fail("Interrupted", _INTERRUPTED, code, json) if code == INTERRUPTED else int(code)
+    except RobustOptError as error:
+        problems = [vars(problem) for problem in error.problems] if isinstance(error, ConfigError) else []
+        return _fail(type(error).__name__, str(error), error.exit_code, json, problems)
+    except (KeyboardInterrupt, typer.Abort):
+        return _fail("Interrupted", _INTERRUPTED, INTERRUPTED, json)
+    except Exception as error:
+        message = getattr(error, "format_message", None)
+        if message is None:
+            raise
+        return _fail("UsageError", f"{message()} See robustopt --help.", 2, json)
+
+
+def main() -> None:
+    """Entry point of the command `robustopt`."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, _on_interrupt)
+    sys.exit(run(sys.argv[1:]))

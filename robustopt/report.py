@@ -1,0 +1,171 @@
+"""What a run says to people: its summary in the terminal, and as a page with its figures."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+if TYPE_CHECKING:
+    from robustopt.experiment import PlanResult
+
+MOST_LIMITS = 8
+"""Limits that are shown by name; the rest are summed up."""
+
+PAGE = "report.html"
+
+_COLOURS = {"solved": "green", "infeasible": "yellow"}
+
+_STYLE = """
+body { font: 15px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; color: #222; }
+table { border-collapse: collapse; } td { padding: 0.1rem 1.5rem 0.1rem 0; vertical-align: top; }
+td.share { min-width: 16rem; } td.share div { background: #2a6f97; height: 0.8rem; margin-top: 0.35rem; }
+img { max-width: 100%; } h2 { font-size: 1.1rem; margin: 1.5rem 0 0.3rem; }
+"""
+
+
+class Row(NamedTuple):
+    """A line of a summary: a name, a value, and for shares the part of the whole, drawn as a bar."""
+
+    name: str
+    value: str
+    share: float | None = None
+
+
+def headline(data: Mapping[str, Any]) -> str:
+    """How a run ended, in one line."""
+    found = f" in {data['duration']:.4f} s by {data['method']}" if data.get("duration") is not None else ""
+    return f"{data['name']}: {data['status']}{found}"
+
+
+def sections(data: Mapping[str, Any]) -> list[tuple[str, list[Row]]]:
+    """The summary of a run under headings: what binds, certificate, why it is infeasible, size, times."""
+    parts = [
+        ("What binds, share of the duration", _binding(data.get("binding") or {})),
+        ("Certificate", _certificate(data["certificate"]) if data.get("certificate") else []),
+        ("Why there is no plan", _diagnosis(data["diagnosis"]) if data.get("diagnosis") else []),
+        ("Problem", rows(data.get("size") or {})),
+        ("Solution", rows(data.get("statistics") or {})),
+        ("Time [s]", rows(data.get("seconds") or {})),
+    ]
+    return [(title, lines) for title, lines in parts if lines]
+
+
+def rows(values: Mapping[str, Any]) -> list[Row]:
+    """Names and values as lines."""
+    return [Row(name.replace("_", " "), _cell(value)) for name, value in values.items() if value is not None]
+
+
+def _certificate(certificate: Mapping[str, Any]) -> list[Row]:
+    worst, margins = certificate["worst"], certificate["margins"]
+    effort = f"{certificate['level']}: {certificate['draws']:,} draws, {certificate['tests']:,} tests"
+    name, margin = min(margins.items(), key=lambda item: _or_infinite(item[1]["on_grid"]))
+    lines = [
+        Row("result", f"{'passed' if certificate['passed'] else 'failed'} ({effort})"),
+        Row("margin at grid points", f"{_percent(margin['on_grid'])} of the limit: {name}"),
+        Row("worst margin", f"{_percent(worst['margin'])} of the limit: {worst['limit']}"),
+        Row("  where", f"{worst['place']}, {'at a' if worst['on_grid'] else 'next to a'} grid point"),
+        Row("  when", f"t = {worst['t']:.3f} s, s = {worst['s']:.4f}"),
+    ]
+    parameters = [Row("  with " + row.name, row.value) for row in rows(worst["parameters"]) if row.value]
+    return [*lines, *parameters]
+
+
+def _diagnosis(diagnosis: Mapping[str, Any]) -> list[Row]:
+    conflicts = [Row("cannot hold", " and ".join(names)) for names in diagnosis["conflicts"]]
+    remedies = [Row("would help", sentence) for sentence in diagnosis["sentences"]]
+    return [Row("where", f"{diagnosis['place']}, s = {diagnosis['s']:.4g}"), *conflicts, *remedies]
+
+
+def _or_infinite(value: float | None) -> float:
+    return float("inf") if value is None else value
+
+
+def _percent(share: float | None) -> str:
+    return "none" if share is None else f"{100 * share + 0.0:.2g} %"
+
+
+def _binding(shares: Mapping[str, float]) -> list[Row]:
+    shown = dict(list(shares.items())[:MOST_LIMITS])
+    if len(shares) > len(shown):
+        shown[f"{len(shares) - len(shown)} more"] = 1.0 - sum(shown.values())
+    return [Row(name, f"{100 * share:.1f} %", share) for name, share in shown.items()]
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:,.0f}" if value.is_integer() and abs(value) < 1e9 else f"{value:.4g}"
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {_cell(inner)}" for name, inner in value.items())
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return ", ".join(_cell(inner) for inner in value)
+    return f"{value:,}" if isinstance(value, int) else str(value)
+
+
+# In the terminal ------------------------------------------------------------------------------------------
+
+
+def print_summary(data: Mapping[str, Any], console: Console, place: Path) -> None:
+    """Print the summary of a run and where its files are."""
+    console.print(Text(headline(data), style=f"bold {_COLOURS.get(data['status'], 'red')}"))
+    console.print(Text(str(data["message"])))
+    for title, lines in sections(data):
+        print_rows(title, lines, console)
+    console.print(Text.assemble("Files in ", (str(place), "bold")), soft_wrap=True)
+
+
+def print_rows(title: str, lines: Sequence[Row], console: Console) -> None:
+    """Print lines under a heading."""
+    table = Table.grid(padding=(0, 2))
+    for name, value, share in lines:
+        bar = Text("█" * round(24 * share), style="cyan") if share is not None else Text()
+        table.add_row(f"  {name}", Text(value, justify="right" if share is not None else "left"), bar)
+    console.print(Text(f"\n{title}", style="bold"))
+    console.print(table)
+
+
+# As a page ------------------------------------------------------------------------------------------------
+
+
+def write_figures_and_page(result: PlanResult, data: Mapping[str, Any], folder: Path, figures: bool = True) -> None:
+    """Draw the figures of a run into its folder and write its page."""
+    if figures:
+        from robustopt.plotting import write_figures
+
+        write_figures(result.plan, result.config, folder / "figures", result.certificate)
+    write_page(data, folder)
+
+
+def write_page(data: Mapping[str, Any], folder: Path) -> None:
+    """Write the summary of a run and the figures in its folder as one page that needs no other file."""
+    title = escape(headline(data))
+    tables = "".join(f"<h2>{escape(name)}</h2>\n{_table(lines)}" for name, lines in sections(data))
+    figures = "".join(_figure(path) for path in sorted((folder / "figures").glob("*.svg")))
+    page = (
+        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{title}</title><style>{_STYLE}</style>'
+        f"</head>\n<body><h1>{title}</h1>\n<p>{escape(str(data['message']))}</p>\n{tables}{figures}</body></html>\n"
+    )
+    (folder / PAGE).write_text(page, encoding="utf-8")
+
+
+def _table(lines: Sequence[Row]) -> str:
+    return f"<table>{''.join(map(_table_row, lines))}</table>\n"
+
+
+def _table_row(row: Row) -> str:
+    bar = "" if row.share is None else f'<td class="share"><div style="width: {100 * row.share:.1f}%"></div></td>'
+    return f"<tr><td>{escape(row.name)}</td><td>{escape(row.value)}</td>{bar}</tr>\n"
+
+
+def _figure(path: Path) -> str:
+    data = base64.b64encode(path.read_bytes()).decode()
+    title = escape(path.stem.replace("_", " "))
+    return f'<h2>{title}</h2>\n<img alt="{title}" src="data:image/svg+xml;base64,{data}">\n'
