@@ -185,6 +185,25 @@ def _wrenches(coefficients, u, x, out):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True)
+def _add_products(columns, wrench, out):  # type: ignore[no-untyped-def]
+    """out += B wrench for the columns (d, F) of B; the inner loop runs over the rows, which the compiler vectorises."""
+    for j in range(len(wrench)):
+        weight = wrench[j]
+        if weight != 0.0:
+            for f in range(len(out)):
+                out[f] += weight * columns[j, f]
+
+
+@nb.njit(cache=True)
+def _add_sizes(columns, wrench, products, out):  # type: ignore[no-untyped-def]
+    """out += |B wrench + products|; products is overwritten."""
+    _add_products(columns, wrench, products)
+    for f in range(len(out)):
+        out[f] += abs(products[f])
+        products[f] = 0.0
+
+
+@nb.njit(cache=True)
 def _row(f, rows, base, own, nominal, terms, group, constant, constant_group, remainder, remainder_group, lowest, highest,
          swings, remains, u, x, sums):  # type: ignore[no-untyped-def]  # fmt: skip
     """Affine piece (a, b, c) of a row that is active at (u, x): its value there is a u + b x + c."""
@@ -223,61 +242,37 @@ def _row(f, rows, base, own, nominal, terms, group, constant, constant_group, re
 
 
 @nb.njit(cache=True)
-def _value(f, rows, base_value, own, central, group, constant, constant_group, lowest, highest, swings, remains_box, sums):  # type: ignore[no-untyped-def]
-    """Value of one row with every parameter at its worst."""
-    d = rows.shape[1]
-    for g in range(len(lowest)):
-        sums[g, 0] = central[g]
-        for j in range(d):
-            sums[g, 0] += abs(rows[f, j]) * remains_box[g, j]
-    for k in range(len(group)):
-        product = 0.0
-        for j in range(d):
-            product += rows[f, j] * swings[k, j]
-        sums[group[k], 0] += abs(product)
-    for k in range(len(constant_group)):
-        product = own[f, k] if own.shape[0] else 0.0
-        for j in range(d):
-            product += rows[f, j] * constant[j, k]
-        sums[constant_group[k], 0] += abs(product)
-    value = base_value
-    for g in range(len(lowest)):
-        value += sums[g, 0] * (highest[g] if sums[g, 0] > 0.0 else lowest[g])
-    return value
-
-
-@nb.njit(cache=True)
 def _cut_family(vertices, edge_rows, edge_names, count, B, nominal, terms, group, constant, constant_group, remainder,
                 remainder_group, lowest, highest, base, base_terms, names):  # type: ignore[no-untyped-def]  # fmt: skip
-    """Cut each polygon until no vertex violates a row. False where a polygon grew beyond MAX_VERTICES.
-
-    Rows are screened: an interval term changes a row by at most |B_f| |W|, summed over the terms once per vertex, and
-    only rows that this bound cannot acquit are evaluated exactly.
-    """
+    """Cut each polygon until no vertex violates a row. False where a polygon grew beyond MAX_VERTICES."""
     F, d, G = B.shape[1], B.shape[2], len(lowest)
     V2, R2 = np.empty((MAX_VERTICES, 2)), np.empty((MAX_VERTICES, 3))
     L2 = np.empty(MAX_VERTICES, np.int64)
     valid, valid2 = np.zeros(MAX_VERTICES, np.bool_), np.zeros(MAX_VERTICES, np.bool_)
-    swings, remains = np.zeros((len(group), d)), np.zeros((len(remainder_group), d))
-    fixed, box, remains_box, sums = np.zeros((G, d)), np.zeros((G, d)), np.zeros((G, d)), np.zeros((G, 3))
-    bounds, bases, central = np.zeros(F), np.zeros(F), np.zeros((F, G))
-    certain = len(group) + len(constant_group) + len(remainder_group) == 0
+    loads, swings, remains = np.zeros((G, d)), np.zeros((len(group), d)), np.zeros((len(remainder_group), d))
+    columns, sizes = np.zeros((d, F)), np.zeros((d, F))
+    margin, values, total, products = np.zeros((G, F)), np.zeros((G, F)), np.zeros(F), np.zeros(F)
+    box, sums = np.zeros((G, d)), np.zeros((G, 3))
     no_base, no_terms = np.zeros((0, 3)), np.zeros((0, 0))
-    sizes, first = np.abs(B[0]), True
+    filled = False
     for i in range(len(count)):
         n = count[i]
         if n < 3:
             continue
         rows = B[i] if B.shape[0] > 1 else B[0]
-        if B.shape[0] > 1 or first:
-            sizes, first = np.abs(rows), False
-        coefficients = np.dot(rows, np.ascontiguousarray(nominal[i]).reshape(d, 3 * G))
+        if B.shape[0] > 1 or not filled:
+            filled = True
+            for j in range(d):
+                for f in range(F):
+                    columns[j, f] = rows[f, j]
+                    sizes[j, f] = abs(rows[f, j])
         own_base = base[i] if base.shape[0] else no_base
         own_terms = base_terms[i] if base_terms.shape[0] else no_terms
-        fixed[:] = 0.0
+        margin[:] = 0.0
         for k in range(len(constant_group)):
-            for j in range(d):
-                fixed[constant_group[k], j] += abs(constant[i, j, k])
+            for f in range(own_terms.shape[0]):
+                products[f] = own_terms[f, k]
+            _add_sizes(columns, constant[i, :, k], products, margin[constant_group[k]])
         valid[:] = False
         finished = False
         for _ in range(20 * MAX_VERTICES):
@@ -290,49 +285,35 @@ def _cut_family(vertices, edge_rows, edge_names, count, B, nominal, terms, group
                 finished = True
                 break
             u, x = vertices[i, vertex, 0], vertices[i, vertex, 1]
+            _wrenches(nominal[i], u, x, loads)
             _wrenches(terms[i], u, x, swings)
             _wrenches(remainder[i], u, x, remains)
-            remains_box[:] = 0.0
-            for k in range(len(remainder_group)):
-                for j in range(d):
-                    remains_box[remainder_group[k], j] += abs(remains[k, j])
-            box[:] = fixed + remains_box
+            values[:] = margin
+            for g in range(G):
+                _add_products(columns, loads[g], values[g])
             for k in range(len(group)):
-                for j in range(d):
-                    box[group[k], j] += abs(swings[k, j])
-            likely, most = 0, -np.inf
-            for f in range(F):
-                bound = own_base[f, 0] * u + own_base[f, 1] * x + own_base[f, 2] if own_base.shape[0] else 0.0
-                bases[f] = bound
+                _add_sizes(columns, swings[k], products, values[group[k]])
+            if len(remainder_group):
+                box[:] = 0.0
+                for k in range(len(remainder_group)):
+                    for j in range(d):
+                        box[remainder_group[k], j] += abs(remains[k, j])
                 for g in range(G):
-                    central[f, g] = coefficients[f, 3 * g] * u + coefficients[f, 3 * g + 1] * x + coefficients[f, 3 * g + 2]
-                    value = central[f, g]
-                    if not certain:
-                        for j in range(d):
-                            value += sizes[f, j] * box[g, j]
-                    bound += value * (highest[g] if value > 0.0 else lowest[g])
-                for k in range(own_terms.shape[1]):
-                    bound += abs(own_terms[f, k])
-                bounds[f] = bound
-                if bound > most:
-                    likely, most = f, bound
-            worst, worst_row = TOLERANCE, -1
-            for step in range(-1, F):
-                f = likely if step < 0 else step
-                if bounds[f] <= worst:
-                    continue
-                value = bounds[f] if certain else _value(
-                    f, rows, bases[f], own_terms, central[f], group, constant[i], constant_group, lowest, highest, swings,
-                    remains_box, sums)  # fmt: skip
-                if value > worst:
-                    worst, worst_row = value, f
-            if worst_row < 0:
+                    _add_products(sizes, box[g], values[g])
+            total[:] = 0.0
+            for f in range(own_base.shape[0]):
+                total[f] = own_base[f, 0] * u + own_base[f, 1] * x + own_base[f, 2]
+            for g in range(G):
+                for f in range(F):
+                    total[f] += values[g, f] * (highest[g] if values[g, f] > 0.0 else lowest[g])
+            worst = np.argmax(total)
+            if total[worst] <= TOLERANCE:
                 valid[vertex] = True
                 continue
             a, b, c = _row(
-                worst_row, rows, own_base, own_terms, nominal[i], terms[i], group, constant[i], constant_group, remainder[i],
+                worst, rows, own_base, own_terms, nominal[i], terms[i], group, constant[i], constant_group, remainder[i],
                 remainder_group, lowest, highest, swings, remains, u, x, sums)  # fmt: skip
-            n = _clip(vertices[i], edge_rows[i], edge_names[i], valid, n, a, b, c, names[worst_row], V2, R2, L2, valid2)
+            n = _clip(vertices[i], edge_rows[i], edge_names[i], valid, n, a, b, c, names[worst], V2, R2, L2, valid2)
             if n < 3:
                 n, finished = 0, True
                 break
