@@ -1,8 +1,8 @@
 """Certificate: checks a plan independently of the solver that made it.
 
-`force_closure` says how far a wrench is from the exact friction cones; `scene` holds what is carried and how uncertain it
-is; `motion` and `loads` turn a plan into the wrenches it needs; `joints`, `contacts` and `draws` find the worst
-utilisation of each limit, collected in a `tally`; `certify` puts them together.
+`contact_points` and `force_closure` say how far a wrench is from the exact friction cones; `scene` holds what is
+carried and how uncertain it is; `motion` and `loads` turn a plan into the wrenches it needs; `joints`, `contacts` and
+`draws` find the worst utilisation of each limit, collected in a `tally`; `certify` puts them together.
 """
 
 from robustopt.certificate.certify import Certificate, Margin, Worst, certify

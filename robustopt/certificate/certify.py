@@ -10,7 +10,6 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
 
 import numpy as np
 
@@ -56,7 +55,7 @@ class Level:
 
 
 LEVELS = {
-    "quick": Level((0.25, 0.5, 0.75), 0, 2, 200, 2, 1300, 2_000_000),
+    "quick": Level((0.25, 0.5, 0.75), 0, 2, 100, 2, 1300, 1_000_000),
     "full": Level((0.125, 0.25, 0.5, 0.75, 0.875), 4, 4, 10_000, 10, 10**9, 10**12),
 }
 """quick takes less than a second at 200 intervals and two objects; full takes a minute or so."""
@@ -96,9 +95,9 @@ class Worst:
 class Certificate:
     """Whether a plan keeps its limits for the values that were looked at, and how narrowly.
 
-    margin: worst over everything, as a share of the limit, negative if violated; margins: per named limit; draws: random
-    draws; tests: utilisations that were computed or bounded; intervals, intervals_checked: of the plan, and how many of
-    them were looked at; seconds: time it took
+    margin: worst over everything, as a share of the limit, negative if violated; margins: per named limit; draws:
+    random draws of all uncertain values; tests: utilisations that were computed or bounded; intervals,
+    intervals_checked: of the plan, and how many of them were looked at; seconds: time it took
     """
 
     passed: bool
@@ -127,8 +126,8 @@ class Certificate:
 def certify(config: Config, plan: Timing, level: str = "quick", seed: int = 0) -> Certificate:
     """Check a plan: `quick` within about a second, `full` with 10,000 random draws and more of the worst cases.
 
-    Looks at both ends of every interval and in between, with the configured values, with the worst ends of all intervals
-    (searched), and with random values of everything at once. The same seed gives the same certificate.
+    Looks at both ends of every interval of the grid and in between, with the configured values, with the worst ends of
+    all intervals (searched), and with random values of everything at once. The same seed gives the same certificate.
     Raises SolverFailed if the plan has no timing, and ValueError for an unknown level.
     """
     if level not in LEVELS:
@@ -150,7 +149,7 @@ def certify(config: Config, plan: Timing, level: str = "quick", seed: int = 0) -
         passed=all(_passes(found, on_grid) for (_, on_grid), found in tally.worst.items()),
         margin=worst.margin,
         worst=worst,
-        margins=MappingProxyType(_margins(tally)),
+        margins=_margins(tally),
         level=level,
         seed=seed,
         draws=draws,
@@ -183,7 +182,7 @@ def _check(scene: Scene, moving: Motion, how: Level, rng: np.random.Generator, t
     if not scene.uncertain:
         return 0
     work = count * max(1, scene.points.shape[1])
-    draws = max(2, min(how.draws, how.effort // work)) // 2
+    draws: int = max(2, min(how.draws, how.effort // work)) // 2
     for corners in (False, True):
         check_draws(scene, moving, scene.draw(rng, draws, corners), how.per_bridge, tally)
     return 2 * draws
@@ -213,7 +212,7 @@ def _worst(tally: Tally, at: Instants) -> Worst:
     found = max(tally.worst.values(), key=lambda found: found.utilisation)
     t = found.instant
     place = float(at.s[t]), float(at.t[t]), bool(at.grid[t])
-    return Worst(found.limit, 1.0 - found.utilisation, *place, MappingProxyType(dict(found.parameters)))
+    return Worst(found.limit, 1.0 - found.utilisation, *place, dict(found.parameters))
 
 
 def _margins(tally: Tally) -> dict[str, Margin]:

@@ -1,8 +1,8 @@
 """Utilisation of the contacts at the worst ends of all intervals.
 
 At the gauge gamma of a contact system, y (gamma rest + move) = 0 for the direction y of the limit that is nearest, and
-y w >= 0 for all wrenches w in the cone. Other parameters are worse where they make y (gamma rest + move) lower, or leave
-y deeper inside the dual cone: to first order each parameter goes to the end of its interval that the sign of its
+y w >= 0 for all wrenches w in the cone. Other parameters are worse where they make y (gamma rest + move) lower, or
+leave y deeper inside the dual cone: to first order each parameter goes to the end of its interval that the sign of its
 derivative says. From there the gauge and its y are found anew, a few times.
 """
 
@@ -12,7 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from robustopt.certificate.force_closure import GAP, Array, Gauge, Indices, gauge_from_rest
+from robustopt.certificate.contact_points import Array, Indices
+from robustopt.certificate.force_closure import GAP, Gauge, gauge_from_rest
 from robustopt.certificate.loads import at_lowest, body_loads, functional, system_load, tray_motion
 from robustopt.certificate.motion import Motion
 from robustopt.certificate.scene import Parameters, Scene, System
@@ -46,7 +47,7 @@ def check_contacts(
 
 
 class _Search:
-    """The worst values found so far at each instant: `worst`, and the bracket of its gauge, `upper` and `lower` (T,)."""
+    """The worst values found so far at each instant, `worst`, and the bracket of their gauge, `upper`, `lower` (T,)."""
 
     def __init__(self, scene: Scene, motion: Motion, system: System, tally: Tally) -> None:
         self.scene, self.motion, self.system, self.tally = scene, motion, system, tally

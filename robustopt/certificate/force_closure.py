@@ -1,8 +1,7 @@
 """Whether contact forces in exact Coulomb cones balance a wrench, and how far from the limit it is.
 
-A force f at a contact point p (normal z) is possible if |(f_x, f_y)| <= mu f_z. K blocks (bodies) balance when such
-forces exist at all points whose wrenches, + on the block above and - on the block below, sum to what the blocks
-require, w, shape (6 K,): for each block its force and its moment. All such sums form a convex cone C.
+K blocks balance when forces exist in the cones of all contact points whose wrenches sum to what the blocks require, w,
+shape (6 K,). All such sums form a convex cone C.
 
 The gauge of a wrench rest + move, seen from a wrench `rest` inside the cone, is
 
@@ -16,9 +15,6 @@ centre of pressure has gone for a block that tips. It is a second-order cone pro
 
 solved by a primal-dual interior-point method with Nesterov and Todd's scaling and Mehrotra's predictor and corrector.
 The iterates y are feasible throughout, so each bounds gamma from below; forces that balance bound it from above.
-Coordinates of a force are (f_z, f_x / mu, f_y / mu), in which its cone is |(c_1, c_2)| <= c_0.
-
-Many programs are solved at once, as arrays whose last axis, T, counts them.
 """
 
 from __future__ import annotations
@@ -26,11 +22,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Indices = NDArray[np.intp]
+from robustopt.certificate.contact_points import Array, Contacts, Flags, even_pressure, simply_held
 
 GAP = 1e-8
 """Width of the bracket of gamma, and unbalanced share of the wrench, at which a program is solved: a hundredth of the
@@ -56,92 +49,6 @@ CHUNK = 1024
 """Programs solved together: few enough for the cache, enough to hide the cost of an array operation."""
 
 TINY = 1e-300
-
-
-@dataclass(frozen=True)
-class Face:
-    """Contact points `first` to `last` (excluded) press on block `above` from block `below`, -1 for the ground."""
-
-    first: int
-    last: int
-    above: int
-    below: int
-
-
-@dataclass(frozen=True)
-class Contacts:
-    """Contact points of K blocks in T programs.
-
-    faces: who stands on whom; a block comes after all that it stands on
-    point: (3, n, T) contact points, [m] or any other unit of length; an axis T of length 1 is for all programs
-    mu: (n, T) coefficients of friction
-    """
-
-    faces: tuple[Face, ...]
-    point: Array
-    mu: Array
-
-    @property
-    def blocks(self) -> int:
-        return 1 + max(face.above for face in self.faces)
-
-    def __getitem__(self, chosen: slice | Indices) -> Contacts:
-        """The contacts of some of the programs."""
-        point = self.point if self.point.shape[-1] == 1 else self.point[..., chosen]
-        mu = self.mu if self.mu.shape[-1] == 1 else self.mu[..., chosen]
-        return Contacts(self.faces, point, mu)
-
-    def seen(self, y: Array) -> Array:
-        """A_i^T y, the part of y (6 K, T) that a force at point i sees, in the coordinates of forces, (3, n, T)."""
-        out = np.empty((3, self.mu.shape[0], y.shape[-1]))
-        for face in self.faces:
-            part = slice(face.first, face.last)
-            (px, py, pz), mu = self.point[:, part], self.mu[part]
-            fx, fy, fz, mx, my, mz = _at(y, face.above) if face.below < 0 else _at(y, face.above) - _at(y, face.below)
-            out[0, part] = fz + mx * py - my * px
-            out[1, part] = mu * (fx + my * pz - mz * py)
-            out[2, part] = mu * (fy + mz * px - mx * pz)
-        return out
-
-    def wrenches(self, face: Face, c: Array) -> Array:
-        """Wrench of the forces with coordinates c (3, ..., n_face, T) at each point of a face, (6, ..., n_face, T)."""
-        part = slice(face.first, face.last)
-        (px, py, pz), mu = self.point[:, part], self.mu[part]
-        out = np.empty((6, *c.shape[1:]))
-        fx, fy, fz = np.multiply(mu, c[1], out=out[0]), np.multiply(mu, c[2], out=out[1]), c[0]
-        out[2] = fz
-        out[3] = py * fz - pz * fy
-        out[4] = pz * fx - px * fz
-        out[5] = px * fy - py * fx
-        return out
-
-    def pressed(self, c: Array) -> Array:
-        """sum_i A_i c_i, what forces with coordinates c (3, n, T) exert on the blocks, (6 K, T)."""
-        out = np.zeros((6 * self.blocks, c.shape[-1]))
-        for face in self.faces:
-            wrench = self.wrenches(face, c[:, face.first : face.last]).sum(axis=1)
-            _at(out, face.above)[:] += wrench
-            if face.below >= 0:
-                _at(out, face.below)[:] -= wrench
-        return out
-
-    def levels(self) -> Array:
-        """Heights of the blocks, (K,): 1 on the ground, at least 1 more than every block that is stood on."""
-        level = np.ones(self.blocks)
-        for face in sorted(self.faces, key=lambda face: face.above):
-            if face.below >= 0:
-                level[face.above] = max(level[face.above], 1.0 + level[face.below])
-        return level
-
-
-def _at(y: Array, block: int) -> Array:
-    return y[6 * block : 6 * block + 6]
-
-
-def single_block(points: Array, mu: float) -> Contacts:
-    """Contacts of one block on the ground at `points` (n, 3)."""
-    points = np.asarray(points, dtype=float)
-    return Contacts((Face(0, len(points), 0, -1),), points.T[:, :, None].copy(), np.full((len(points), 1), mu))
 
 
 @dataclass(frozen=True)
@@ -179,7 +86,7 @@ def gauge_from_rest(
 
     Either way the value is at most 1 exactly where forces balance rest + move.
     """
-    held = presses_evenly(contacts, rest)
+    held = simply_held(contacts, rest)
     even = np.zeros_like(rest)
     doubtful = np.flatnonzero(~held)
     if len(doubtful):
@@ -187,42 +94,6 @@ def gauge_from_rest(
         at_rest = gauge(contacts[doubtful], even[:, doubtful], (rest - even)[:, doubtful], 1.0)
         held[doubtful] = at_rest.value <= 1.0 + GAP
     return gauge(contacts, np.where(held, rest, even), np.where(held, move, rest + move - even), good_enough, gap)
-
-
-def even_pressure(contacts: Contacts, programs: int) -> Array:
-    """Wrenches on the blocks of equal normal forces, 1 in sum, at all points, (6 K, programs)."""
-    c = np.zeros((3, contacts.mu.shape[0], programs))
-    c[0] = 1.0 / c.shape[1]
-    return contacts.pressed(c)
-
-
-def presses_evenly(contacts: Contacts, wrench: Array) -> Flags:
-    """Whether a pressure that varies linearly over the points balances a wrench (6, T) on one block on the ground.
-
-    The shares l_i = 1 / n + (p_i - p)^T S^-1 (c - p) of the load have their centre of pressure at c; friction is the
-    same multiple of the pressure at all points, plus a turn about c. Explicit forces: sufficient, not necessary, and
-    a hundred times quicker than `gauge`. The points must lie in the plane z = 0.
-    """
-    if contacts.blocks > 1 or np.any(contacts.point[2]):
-        return np.zeros(wrench.shape[-1], dtype=bool)
-    fx, fy, fz, mx, my, mz = wrench
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        return np.asarray((fz > 0.0) & _linear_pressure(contacts, fx / fz, fy / fz, -my / fz, mx / fz, mz / fz))
-
-
-def _linear_pressure(contacts: Contacts, tx: Array, ty: Array, cx: Array, cy: Array, mz: Array) -> Flags:
-    """`presses_evenly` for a unit load with friction (tx, ty), centre of pressure (cx, cy) and moment mz."""
-    px, py, _ = contacts.point
-    x, y = px - px.mean(axis=0), py - py.mean(axis=0)
-    sxx, sxy, syy = (x * x).sum(axis=0), (x * y).sum(axis=0), (y * y).sum(axis=0)
-    determinant = sxx * syy - sxy * sxy
-    dx, dy = cx - px.mean(axis=0), cy - py.mean(axis=0)
-    gx, gy = (syy * dx - sxy * dy) / determinant, (sxx * dy - sxy * dx) / determinant
-    share = 1.0 / len(px) + x * gx + y * gy
-    rx, ry = px - cx, py - cy
-    turn = (mz - cx * ty + cy * tx) / (share * (rx * rx + ry * ry)).sum(axis=0)
-    square = (tx - turn * ry) ** 2 + (ty + turn * rx) ** 2
-    return np.asarray((share >= 0.0).all(axis=0) & (square <= contacts.mu**2).all(axis=0))
 
 
 class _InteriorPoint:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from robustopt.certificate.contact_points import Array
 from robustopt.certificate.contacts import solve
-from robustopt.certificate.force_closure import GAP, Array
+from robustopt.certificate.force_closure import GAP
 from robustopt.certificate.loads import body_loads, cross, tray_motion
 from robustopt.certificate.motion import Motion, Timing, instants, motion
 from robustopt.certificate.scene import Scene, System, build_scene
@@ -54,7 +55,7 @@ def _center_of_pressure(wrench: Array, height: float) -> Array:
     """Where the wrench about the tray's origin presses on the plane at `height`, (2, M) [m]."""
     arm = np.array([0.0, 0.0, height])[:, None]
     moment = wrench[3:] - cross(arm, wrench[:3])
-    return np.stack([-moment[1], moment[0]]) / wrench[2]
+    return np.asarray(np.stack([-moment[1], moment[0]]) / wrench[2])
 
 
 def _way_to_edge(polygon: Array, start: Array, end: Array) -> Array:

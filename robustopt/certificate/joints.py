@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from robustopt.certificate.force_closure import Array
+from robustopt.certificate.contact_points import Array
 from robustopt.certificate.loads import Functional, Load, Tray, at_lowest, body_loads, tray_motion
 from robustopt.certificate.motion import Motion
 from robustopt.certificate.scene import Parameters, Scene

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from robustopt.certificate.force_closure import Array
+from robustopt.certificate.contact_points import Array
 from robustopt.certificate.motion import Motion
 from robustopt.certificate.scene import Body, Parameters, Scene, System
 
@@ -35,7 +35,7 @@ class Tray:
 
 @dataclass(frozen=True, eq=False)
 class Functional:
-    """A linear function of a wrench about the tray's origin: force @ (weight rest + move) + moment @ (...), (3, ...)."""
+    """A linear function of the wrench w = weight rest + move, about the tray's origin: force w[:3] + moment w[3:]."""
 
     force: Array
     moment: Array
@@ -79,7 +79,7 @@ def body_loads(scene: Scene, tray: Tray, parameters: Parameters) -> list[Load]:
 
 
 def system_load(system: System, loads: list[Load]) -> Load:
-    """Parts `rest` and `move` of what the blocks of a system need, in its units about its reference, (6 K, ...) each."""
+    """Parts `rest` and `move` of what the blocks of a system need, in its units about its reference, (6 K, ...)."""
     rest = [_in_units(system, _total([loads[b][0] for b in block])) for block in system.loads]
     move = [_in_units(system, _total([loads[b][1] for b in block])) for block in system.loads]
     return np.concatenate(rest), np.concatenate(move)

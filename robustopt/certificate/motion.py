@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
-from robustopt.certificate.force_closure import Array, Flags, Indices
+from robustopt.certificate.contact_points import Array, Flags, Indices
 
 
 class JointLimits(Protocol):
@@ -144,10 +144,16 @@ class Motion:
     sticking: Array
     limits: JointLimits
 
-    def at(self, index: Indices | slice) -> Motion:
+    def at(self, index: Indices) -> Motion:
         """The motion at some of the instants."""
-        names = [field.name for field in fields(self) if field.name != "limits"]
-        return replace(self, **{name: getattr(self, name)[..., index] for name in names})
+        return replace(self, **{name: values[..., index] for name, values in self._arrays().items()})
+
+    def widened(self) -> Motion:
+        """The motion with an axis of length 1 before that of the instants, for many draws."""
+        return replace(self, **{name: values[..., None, :] for name, values in self._arrays().items()})
+
+    def _arrays(self) -> dict[str, Any]:
+        return {field.name: getattr(self, field.name) for field in fields(self) if field.name != "limits"}
 
 
 def motion(plan: Timing, at: Instants) -> Motion:

@@ -13,7 +13,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from robustopt.certificate.force_closure import Array, Contacts, Face, Indices
+from robustopt.certificate.contact_points import Array, Contacts, Face, Indices
 from robustopt.config import Config, ObjectConfig, TrayConfig
 from robustopt.geometry import Placement, clip, footprint, placements, rectangle, standing_order, supports
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from robustopt.certificate.force_closure import Array, Flags
+from robustopt.certificate.contact_points import Array, Flags
 
 
 @dataclass(frozen=True)
