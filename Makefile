@@ -1,0 +1,55 @@
+# robustopt. `make demo` and `make test` do all the set-up they need: a virtual environment in .venv with pinned versions.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+RUN := $(BIN)/robustopt
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test test-slow lint format type docs bench reproduce-tables clean
+
+help:  ## what each target does
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 20
+
+$(VENV)/.run: pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "robustopt needs Python 3.11 or newer: make PYTHON=python3.12 ..."; exit 1; }
+	$(PYTHON) -m venv $(VENV) || { echo "on Debian and Ubuntu: apt-get install python3-venv"; exit 1; }
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	@touch $@
+
+$(VENV)/.test: $(VENV)/.run
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[test,robots]'
+	@touch $@
+
+demo: $(VENV)/.run  ## install, then plan the two-block waiter task; the run is left in results/demo
+	rm -rf results/demo
+	$(RUN) plan configs/waiter_two_blocks.yaml --out results/demo
+
+test: $(VENV)/.test  ## install, then run the tests
+	$(BIN)/pytest -n 2
+
+test-slow: $(VENV)/.test  ## the tests that take minutes
+	$(BIN)/pytest -m slow
+
+lint: $(VENV)/.test  ## ruff
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+format: $(VENV)/.test  ## rewrite the code in the project's format
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+type: $(VENV)/.test  ## mypy --strict
+	$(BIN)/mypy
+
+docs: $(VENV)/.run  ## the reference of the configuration and its JSON Schema
+	$(BIN)/python -m robustopt.schema
+
+bench: $(VENV)/.test  ## time the solvers side by side; writes results/benchmarks
+	$(BIN)/python experiments/bench_planning.py
+
+reproduce-tables: $(VENV)/.run  ## durations at the paper's coefficients of friction, beside the paper's; writes results/tables
+	$(BIN)/python experiments/table_durations.py
+
+clean:  ## remove the environment and what the tools left
+	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
