@@ -30,6 +30,8 @@ MOST_SAMPLES = 4096
 """Most samples of one piece: a path that needs more passes next to a singularity."""
 SPLINE_DEGREE = 5
 """Degree of the splines through the samples, so that their second derivatives are smooth."""
+NEAR = 0.05
+"""Farthest that a solution may lie from the spline that foretells it [rad or m], to be on the same branch for sure."""
 SHORTEST_STEP = 0.0005
 """Steps are halved down to this length before the branch counts as ended [m of sigma]."""
 LIMIT_TOLERANCE = 1e-6
@@ -143,7 +145,7 @@ def fit_branch(robot: Robot, path: TrayPath, branch: Branch, tolerance: PathTole
             if len(sigma) > MOST_SAMPLES:
                 worst = float(between[np.argmax(distance / tolerance.position + angle / tolerance.angle)])
                 raise BranchLostError(worst, f"{MOST_SAMPLES} samples do not reach path.tolerance, near a singularity")
-            q = _interleave(q, _corrected(robot, path, between, guess))
+            q = _interleave(q, _between(robot, path, sigma, q, guess))
             sigma = _interleave(sigma, between)
         pieces.append(spline)
     return pieces
@@ -157,15 +159,18 @@ def _deviation(robot: Robot, path: TrayPath, sigma: np.ndarray, q: np.ndarray) -
     return np.linalg.norm(position - wanted_position, axis=1), np.asarray(difference.magnitude())
 
 
-def _corrected(robot: Robot, path: TrayPath, sigma: np.ndarray, guess: np.ndarray) -> np.ndarray:
-    """Solutions of the inverse kinematics at `sigma` (P,), next to the `guess` (P, n)."""
-    q = np.empty_like(guess)
-    for i, (position, rotation) in enumerate(zip(*path.pose(sigma), strict=True)):
+def _between(robot: Robot, path: TrayPath, sigma: np.ndarray, q: np.ndarray, guess: np.ndarray) -> np.ndarray:
+    """Solutions halfway between the samples `sigma` (S,), next to the `guess` (S-1, n) or followed from `q` (S, n)."""
+    middle = (sigma[1:] + sigma[:-1]) / 2
+    solutions = np.empty_like(guess)
+    for i, (position, rotation) in enumerate(zip(*path.pose(middle), strict=True)):
         solution = solve_pose(robot, position, rotation, guess[i], iterations=FOLLOWING_ITERATIONS)
-        if not solution.converged or np.abs(solution.q - guess[i]).max() > LONGEST_STEP:
-            raise BranchLostError(float(sigma[i]), "the arm would have to jump, near a singularity")
-        q[i] = solution.q
-    return q
+        solutions[i] = solution.q
+        if not solution.converged or np.abs(solution.q - guess[i]).max() > NEAR:
+            solutions[i], lost_at = _follow_in_small_steps(robot, path, q[i], float(sigma[i]), float(middle[i]))
+            if lost_at is not None:
+                raise BranchLostError(lost_at, "the arm would have to jump, near a singularity")
+    return solutions
 
 
 def _interleave(outer: np.ndarray, inner: np.ndarray) -> np.ndarray:
