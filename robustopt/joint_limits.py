@@ -1,4 +1,16 @@
-"""Joint limits and joint friction: from the model file, completed and overridden by `robot.limits`."""
+"""Joint limits and joint friction: from the model file, completed and overridden by `robot.limits`.
+
+Where they are read from:
+
+| limit | MJCF | URDF |
+|---|---|---|
+| position | joint `range` | `limit lower upper` |
+| velocity | `<custom><numeric name="velocity_limit">`, one value per joint in their order | `limit velocity` |
+| acceleration | `<custom><numeric name="acceleration_limit">`, likewise | nowhere |
+| torque | joint `actuatorfrcrange`, else gear times the force range of the joint's only actuator | `limit effort` |
+| dry friction | joint `frictionloss` | `dynamics friction` |
+| viscous friction | joint `damping` | `dynamics damping` |
+"""
 
 from __future__ import annotations
 
