@@ -251,7 +251,7 @@ def run(arguments: Sequence[str]) -> int:
         message = getattr(error, "format_message", None)
         if message is None:
             raise
-        return _fail("UsageError", f"{message()} See robustopt --help.", 2, json)
+        return _fail("UsageError", f"{message().rstrip('.')}; see robustopt --help", 2, json)
 
 
 def main() -> None:
@@ -259,3 +259,7 @@ def main() -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _on_interrupt)
     sys.exit(run(sys.argv[1:]))
+
+
+if __name__ == "__main__":
+    main()

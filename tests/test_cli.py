@@ -1,0 +1,332 @@
+"""The command line: what each command prints and writes, and what bad input is answered with."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from robustopt import __version__, cli, experiment
+from robustopt.config import load_config
+from robustopt.store import read_summary
+
+ROOT = Path(__file__).parents[1]
+WAITER = ROOT / "configs" / "waiter_two_blocks.yaml"
+SMALL = ["solver.collocation_points=90", "--no-figures"]
+HELP_SECONDS = 0.4
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch, capsys):
+    """Runs a command in an empty folder: exit code, standard output, standard error; never a traceback."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        code = cli.run([str(argument) for argument in arguments])
+        out, err = capsys.readouterr()
+        assert "Traceback" not in out + err
+        return code, out, err
+
+    return call
+
+
+def files(folder: Path) -> set[str]:
+    return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+
+
+# Commands -------------------------------------------------------------------------------------------------
+
+
+def test_plan_writes_a_whole_run_folder_and_prints_its_summary(run, tmp_path):
+    code, out, err = run("plan", WAITER, "solver.collocation_points=90", "output.period=0.01", "--seed", "3")
+    assert (code, err) == (0, "")
+    (folder,) = (tmp_path / "results" / "waiter-two-blocks").iterdir()
+    written = files(folder)
+    data = {"config.yaml", "provenance.json", "summary.json", "plan.csv", "trajectory.csv", "joint_trajectory.json"}
+    assert data | {"report.html"} <= written
+    for name in ("phase_plane", "joints", "contacts", "binding"):
+        assert {f"figures/{name}.svg", f"figures/{name}.png"} <= written
+    summary = read_summary(folder)
+    assert summary["status"] == "solved"
+    assert summary["certificate"]["passed"] is True
+    assert sum(summary["binding"].values()) == pytest.approx(1.0)
+    assert f"waiter-two-blocks: solved in {summary['duration']:.4f} s by ipopt" in out
+    for said in ("What binds", "Certificate", "passed", next(iter(summary["binding"])), folder.name):
+        assert said in out
+    stored = load_config(folder / "config.yaml")
+    assert (stored.seed, stored.solver.collocation_points, stored.output.period) == (3, 90, 0.01)
+    origin = json.loads((folder / "provenance.json").read_text())
+    assert origin["seed"] == 3
+    last = (folder / "trajectory.csv").read_text().splitlines()[-1]
+    assert float(last.split(",")[0]) == pytest.approx(summary["duration"], abs=1e-12)
+    assert (folder / "report.html").read_text().count("data:image/svg+xml") == 4
+
+
+def test_the_stored_configuration_gives_the_same_plan(run, tmp_path):
+    assert run("plan", WAITER, *SMALL, "--out", "first", "--quiet") == (0, "", "")
+    assert run("plan", "first/config.yaml", "--no-figures", "--out", "second", "--quiet")[0] == 0
+    for name in ("plan.csv", "trajectory.csv", "joint_trajectory.json", "config.yaml"):
+        assert (tmp_path / "first" / name).read_bytes() == (tmp_path / "second" / name).read_bytes()
+
+
+def test_json_is_one_object_with_the_summary(run, tmp_path):
+    code, out, err = run("plan", WAITER, *SMALL, "--method", "reachability", "--json", "--out", "here")
+    data = json.loads(out)
+    assert (code, err) == (0, "")
+    assert (data["status"], data["method"], data["folder"]) == ("solved", "reachability", "here")
+    assert {key: value for key, value in data.items() if key != "folder"} == read_summary(tmp_path / "here")
+
+
+def test_report_prints_a_stored_run_again(run):
+    first = run("plan", WAITER, *SMALL, "--out", "here")[1]
+    assert run("report", "here") == (0, first, "")
+    assert json.loads(run("report", "here", "--json")[1])["status"] == "solved"
+    code, _, err = run("report", "elsewhere")
+    assert code == 2
+    assert "elsewhere: no such run folder; expected a folder that `robustopt plan` wrote" in err
+
+
+def test_dry_run_shows_the_configuration_and_the_size_and_writes_nothing(run, tmp_path):
+    code, out, _ = run("plan", WAITER, "solver.collocation_points=20", "contact.friction=0.25", "--dry-run")
+    assert code == 0
+    assert list(tmp_path.iterdir()) == []
+    text, size = out.split("\nProblem\n")
+    (tmp_path / "again.yaml").write_text(text)
+    assert load_config(tmp_path / "again.yaml").contact.friction == 0.25
+    data = json.loads(run("plan", tmp_path / "again.yaml", "--dry-run", "--json")[1])
+    assert data["size"]["grid_points"] == 20 + 3  # three sweeps, each with its own first and last point
+    assert data["size"]["rows"] > data["size"]["rows_after_pruning"] > 0
+    assert (data["size"]["objects"], data["size"]["interfaces"]) == (2, 2)
+    assert data["size"]["generators"] == 2 * 4 * 16  # interfaces, corners of the patch, edges of the cone
+    assert f"generators          {data['size']['generators']}" in size
+    assert data["config"]["contact"]["friction"] == 0.25
+
+
+def test_validate_says_valid_or_every_mistake(run):
+    assert run("validate", WAITER) == (0, f"{WAITER}: valid\n", "")
+    assert json.loads(run("validate", WAITER, "--json")[1]) == {"valid": True, "name": "waiter-two-blocks"}
+    code, out, err = run("validate", WAITER, "tray.mass=-1", "seed=x")
+    assert (code, out) == (2, "")
+    assert err.splitlines() == [
+        "error: override 'tray.mass=-1': tray.mass: found -1; expected a number above 0 in kilograms "
+        "(mass of the tray)",
+        "error: override 'seed=x': seed: found the text 'x'; expected a whole number of at least 0 "
+        "(seed of every random number of the run)",
+    ]
+
+
+def test_version(run):
+    assert run("--version") == (0, f"robustopt {__version__}\n", "")
+
+
+def test_help_is_quick_and_imports_no_solver():
+    program = (
+        "import sys; from robustopt import cli\n"
+        "code = cli.run(['--help'])\n"
+        "heavy = {'casadi', 'mujoco', 'numba', 'matplotlib', 'numpy', 'scipy', 'pandas', 'pydantic', 'rich'}\n"
+        "sys.exit(code or sorted(heavy & set(sys.modules)) or None)"
+    )
+    seconds = []
+    for _ in range(3):
+        began = time.perf_counter()
+        done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+        seconds.append(time.perf_counter() - began)
+        assert done.returncode == 0, done.stderr
+    assert "plan" in done.stdout
+    assert min(seconds) < HELP_SECONDS
+
+
+# Bad input ------------------------------------------------------------------------------------------------
+
+BAD_CONFIGS = {
+    "not YAML": ("name: [1, 2\n", "not YAML: "),
+    "list at top level": ("- 1\n", "found the list [1]; expected keys and values, such as `name: my-task`"),
+    "unknown key": (["solver.metod=ipopt"], "solver.metod: unknown key; did you mean method? expected one of method, "),
+    "wrong unit": (["tray.size=[300 mm, 0.3, 0.01]"], "found the text '300 mm'; expected a plain number above 0 in m"),
+    "wrong type": (["objects=[1]"], "objects: found the list [1]; expected a mapping of names to sections"),
+    "NaN": (["tray.mass=.nan"], "tray.mass: found nan; expected a number above 0 in kilograms"),
+    "infinity": (["contact.friction=.inf"], "contact.friction: found inf; expected a number above 0"),
+    "reversed interval": (["uncertainty.friction=[0.6, 0.4]"], "expected the lowest value first: [0.4, 0.6]"),
+    "negative mass": (
+        ["objects.upper.mass=-0.5"],
+        "objects.upper.mass: found -0.5; expected a number above 0 in kilogr",
+    ),
+    "zero-size object": (
+        ["objects.upper.size=[0, 0.1, 0.1]"],
+        "objects.upper.size[0]: found 0; expected a number above",
+    ),
+    "unknown support": (
+        ["objects.upper.on=shelf"],
+        "objects.upper.on: nothing is called shelf; expected one of tray, l",
+    ),
+    "circular support": (["objects.lower.on=upper"], "lower stands on upper, which stands on lower; expected a chain"),
+    "object off the tray": (["objects.lower.at=[0.4, 0]"], "objects.lower.at: its base, with its centre at [0.4, 0]"),
+    "unknown robot": (["robot.model=r2d2"], "robot.model: unknown robot 'r2d2'; give a shipped robot (tx90l"),
+    "missing model file": (["robot.model=arm.xml"], "robot.model: there is no file"),
+    "unknown tool": (["robot.tool=hand"], "robot.tool: "),
+    "one waypoint": (["path={tray_poses: [{position: [0.75, 0, 0.75]}]}"], "found 1 waypoint; expected at least two"),
+    "repeated waypoints": (
+        ["path={tray_poses: [{position: [0.75, 0, 0.75]}, {position: [0.75, 0, 0.75]}]}"],
+        "path.tray_poses[1]: the same waypoint as path.tray_poses[0] before it; expected it once",
+    ),
+    "unreachable pose": (["path.tray_poses.1={position: [5, 0, 0.75]}"], "path.tray_poses[1]: "),
+    "friction 0": (["contact.friction=0"], "contact.friction: found 0; expected a number above 0"),
+    "2 grid points": (["solver.collocation_points=2"], "found 2; expected a whole number from 10 to 100000"),
+    "1,000,000 grid points": (
+        ["solver.collocation_points=1000000"],
+        "found 1000000; expected a whole number from 10 t",
+    ),
+    "no override": (["contact.friction"], "found no key=value; expected for example solver.collocation_points=500"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_CONFIGS)
+def test_bad_input_is_answered_with_exit_code_2_place_and_remedy(run, tmp_path, case):
+    change, message = BAD_CONFIGS[case]
+    path, overrides = WAITER, change
+    if isinstance(change, str):
+        path, overrides = tmp_path / "task.yaml", []
+        path.write_text(change)
+    before = files(tmp_path)
+    code, out, err = run("plan", path, *overrides)
+    assert (code, out) == (2, "")
+    assert message in err
+    place = f"override '{overrides[0]}'" if overrides else f"{path}:"
+    assert all(line.startswith(f"error: {place}") for line in err.splitlines()), err
+    assert files(tmp_path) == before
+    assert not (tmp_path / "results").exists()
+    code, out, err = run("plan", path, *overrides, "--json")
+    error = json.loads(out)["error"]
+    assert (code, err, error["exit_code"]) == (2, "", 2)
+    assert any(message in f"{problem['key']}: {problem['message']}" for problem in error["problems"])
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [("<mujoco><worldbody></mujoco>", "robot.model: "), ("<mujoco/>", "robot.model: ")],
+    ids=["does not parse", "without joints"],
+)
+def test_a_model_file_that_is_no_robot_is_answered_in_a_line(run, tmp_path, content, message):
+    (tmp_path / "arm.xml").write_text(content)
+    code, out, err = run("plan", WAITER, f"robot.model={tmp_path / 'arm.xml'}")
+    assert (code, out, len(err.splitlines())) == (2, "", 1)
+    assert message in err
+
+
+def test_a_tray_that_cannot_hold_its_objects_at_rest_is_infeasible_and_says_why(run, tmp_path):
+    tilted = "path.tray_poses.0={position: [0.75, -0.5, 0.75], rpy: [0.4, 0, -0.588]}"
+    code, out, err = run("plan", WAITER, tilted, "contact.friction=0.3", *SMALL, "--out", "here")
+    assert (code, err) == (3, "")
+    assert "waiter-two-blocks: infeasible" in out
+    assert "at tray_poses[0]" in out
+    assert "slip of lower on tray" in out
+    assert "contact.friction: at least" in out
+    assert files(tmp_path / "here") == {"config.yaml", "provenance.json", "summary.json", "report.html"}
+    data = json.loads(run("plan", WAITER, tilted, "contact.friction=0.3", *SMALL, "--json")[1])
+    assert (data["status"], data["error"]["kind"]) == ("infeasible", "infeasible")
+
+
+def test_a_plan_that_fails_its_certificate_is_not_reported_as_solved(run, monkeypatch):
+    honest = experiment.solve
+
+    def hasty(problem):
+        from dataclasses import replace
+
+        plan = honest(problem)
+        return replace(plan, x=1.5 * plan.x, u=1.5 * plan.u, duration=plan.duration / 1.5**0.5)
+
+    monkeypatch.setattr(experiment, "solve", hasty)
+    code, out, err = run("plan", WAITER, *SMALL, "--out", "here")
+    assert (code, err) == (4, "")
+    assert "waiter-two-blocks: certificate failed" in out
+    assert "solved" not in out
+    code, out, _ = run("plan", WAITER, *SMALL, "--json")
+    assert json.loads(out)["error"]["kind"] == "certificate failed"
+
+
+@pytest.mark.parametrize("out", ["file/run", "/proc/run"])
+def test_a_results_folder_that_cannot_be_written_is_found_before_planning(run, tmp_path, monkeypatch, out):
+    monkeypatch.setattr(experiment, "plan_task", lambda *_: pytest.fail("planned"))
+    (tmp_path / "file").write_text("")
+    code, printed, err = run("plan", WAITER, "--out", out)
+    assert (code, printed) == (2, "")
+    assert err.startswith(f"error: {out}: cannot be written: ")
+    assert err.rstrip().endswith("; expected a writable folder")
+
+
+def test_an_earlier_run_is_not_overwritten(run, tmp_path):
+    assert run("plan", WAITER, *SMALL, "--out", "here", "-q")[0] == 0
+    before = (tmp_path / "here" / "summary.json").read_bytes()
+    code, _, err = run("plan", WAITER, *SMALL, "--out", "here")
+    assert code == 2
+    assert "here: holds an earlier run of robustopt; expected a new folder, or remove that one first" in err
+    assert (tmp_path / "here" / "summary.json").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["plan"], "Missing argument 'CONFIG'"),
+        (["plan", "x.yaml", "--fast"], "No such option: --fast"),
+        (["plan", "x.yaml", "--certify", "half"], "'half' is not one of 'quick', 'full'"),
+        (["plan", "x.yaml", "--seed", "pi"], "Invalid value for '--seed'"),
+        (["plot"], "No such command 'plot'"),
+        (["plan", "x.yaml"], "x.yaml: no such file; expected the path of a YAML file"),
+        (["validate", "."], "this is a folder; expected a YAML file"),
+    ],
+)
+def test_wrong_usage_has_exit_code_2_and_one_line(run, arguments, message):
+    code, out, err = run(*arguments)
+    assert (code, out, len(err.splitlines())) == (2, "", 1)
+    assert message in err
+    code, out, err = run(*arguments, "--json")
+    assert (code, err) == (2, "")
+    assert message in json.loads(out)["error"]["message"]
+
+
+# Interruption ---------------------------------------------------------------------------------------------
+
+
+def test_an_interruption_has_exit_code_130_and_leaves_nothing(run, tmp_path, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(experiment, "write_run", interrupted)
+    code, out, err = run("plan", WAITER, *SMALL)
+    assert (code, out, err) == (130, "", "error: interrupted; nothing half-written is left\n")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_interruption_that_a_library_swallows_still_counts(run, tmp_path, monkeypatch):
+    honest = experiment.solve
+
+    def swallowing(problem):
+        with pytest.raises(KeyboardInterrupt):
+            cli._on_interrupt(signal.SIGINT, None)
+        return honest(problem)
+
+    monkeypatch.setattr(cli, "_interruptions", [])
+    monkeypatch.setattr(experiment, "solve", swallowing)
+    assert run("plan", WAITER, *SMALL)[0] == 130
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["Ctrl-C", "terminate"])
+def test_ctrl_c_in_the_middle_leaves_nothing(tmp_path, number):
+    command = [sys.executable, "-m", "robustopt.cli", "plan", str(WAITER), "solver.collocation_points=5000"]
+    process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 60
+    while not list(tmp_path.glob("results/*/.*")) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert list(tmp_path.glob("results/*/.*.partial-*")), "the run never started"
+    time.sleep(1.0)
+    os.kill(process.pid, number)
+    out, err = process.communicate(timeout=60)
+    assert (process.returncode, out) == (130, "")
+    assert err.splitlines()[-1] == "error: interrupted; nothing half-written is left"
+    assert "Traceback" not in err
+    assert list(tmp_path.iterdir()) == []
