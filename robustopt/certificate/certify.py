@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from robustopt.certificate.contacts import check_contacts
+from robustopt.certificate.contacts import Thoroughness, check_contacts
 from robustopt.certificate.draws import check_draws
 from robustopt.certificate.joints import check_kinematics, check_torque
 from robustopt.certificate.motion import Instants, Motion, Timing, instants, motion
@@ -41,13 +41,13 @@ class Level:
     """How thoroughly to look.
 
     between: shares of each interval; starts: random corners from which the search starts besides the configured values;
-    rounds: steps of each search; draws: random draws; per_bridge: instants of each draw at which bridges are looked at;
+    search: how it goes on; draws: random draws; per_bridge: instants of each draw at which bridges are looked at;
     most_instants: about how many, by leaving intervals out; effort: most draws times instants times contact points
     """
 
     between: tuple[float, ...]
     starts: int
-    rounds: int
+    search: Thoroughness
     draws: int
     per_bridge: int
     most_instants: int
@@ -55,8 +55,8 @@ class Level:
 
 
 LEVELS = {
-    "quick": Level((0.25, 0.5, 0.75), 0, 2, 100, 2, 1300, 1_000_000),
-    "full": Level((0.125, 0.25, 0.5, 0.75, 0.875), 4, 4, 10_000, 10, 10**9, 10**12),
+    "quick": Level((0.25, 0.5, 0.75), 0, Thoroughness(8, 3, 1e-5), 100, 2, 1300, 1_000_000),
+    "full": Level((0.125, 0.25, 0.5, 0.75, 0.875), 4, Thoroughness(1, 4, 1e-7), 10_000, 10, 10**9, 10**12),
 }
 """quick takes less than a second at 200 intervals and two objects; full takes a minute or so."""
 
@@ -178,7 +178,7 @@ def _check(scene: Scene, moving: Motion, how: Level, rng: np.random.Generator, t
     starts = [scene.nominal.repeated(count), nominal.repeated(count)][: 1 + bool(np.any(nominal.error))]
     starts += [scene.draw(rng, count, corners=True) for _ in range(how.starts if scene.uncertain else 0)]
     for system in scene.systems:
-        check_contacts(scene, moving, system, starts, how.rounds, tally)
+        check_contacts(scene, moving, system, starts, how.search, tally)
     if not scene.uncertain:
         return 0
     work = count * max(1, scene.points.shape[1])

@@ -127,14 +127,26 @@ def simply_held(contacts: Contacts, wrench: Array) -> Flags:
     if contacts.blocks > 1 or contacts.mu.shape[0] < 3 or np.any(contacts.point[2]):
         return np.zeros(wrench.shape[1:], dtype=bool)
     fx, fy, fz, mx, my, mz = wrench
+    held = np.asarray(fz < 0.0)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        held = _wachspress_holds(contacts, fx / fz, fy / fz, -my / fz, mx / fz, mz / fz)
+        for part in _polygons(contacts.mu.shape[0]):
+            chosen = contacts.point[:2, part], contacts.mu[part]
+            held = held | _wachspress_holds(*chosen, fx / fz, fy / fz, -my / fz, mx / fz, mz / fz)
+            if held.all():
+                break
     return np.asarray((fz > 0.0) & held)
 
 
-def _wachspress_holds(contacts: Contacts, tx: Array, ty: Array, cx: Array, cy: Array, mz: Array) -> Flags:
+def _polygons(points: int) -> list[slice]:
+    """All points, and if they are many also every so-manieth: what is round is not convex any more once its points have
+    been displaced, but four or five of them still are."""
+    step = points // 4
+    return [slice(None)] + [slice(first, None, step) for first in range(step)] * (points > 8)
+
+
+def _wachspress_holds(point: Array, mu: Array, tx: Array, ty: Array, cx: Array, cy: Array, mz: Array) -> Flags:
     """`simply_held` for a unit load with friction (tx, ty), centre of pressure (cx, cy) and moment mz."""
-    px, py, _ = contacts.point
+    px, py = point
     n = len(px)
     ex, ey = (np.stack([values[(i + 1) % n] - values[i] for i in range(n)]) for values in (px, py))
     rx, ry = px - cx, py - cy
@@ -145,7 +157,7 @@ def _wachspress_holds(contacts: Contacts, tx: Array, ty: Array, cx: Array, cy: A
     centered = np.abs((share * rx).sum(axis=0)) + np.abs((share * ry).sum(axis=0)) < CENTERED
     if not np.any(inside & centered):
         return np.asarray(inside & centered)
-    twist, limit = mz - cx * ty + cy * tx, contacts.mu**2
+    twist, limit = mz - cx * ty + cy * tx, mu**2
     size = tx * tx + ty * ty
     across, square = rx * ty - ry * tx, rx * rx + ry * ry
     turn = twist / (share * square).sum(axis=0)

@@ -8,19 +8,16 @@ derivative says. From there the gauge and its y are found anew, a few times.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from robustopt.certificate.contact_points import Array, Indices
+from robustopt.certificate.contact_points import Array, Flags, Indices, simply_held
 from robustopt.certificate.force_closure import GAP, Gauge, gauge_from_rest
 from robustopt.certificate.loads import at_lowest, body_loads, functional, system_load, tray_motion
 from robustopt.certificate.motion import Motion
 from robustopt.certificate.scene import Parameters, Scene, System
 from robustopt.certificate.tally import Found, Tally
-
-SEARCH_GAP = 1e-4
-"""Accuracy of the gauge during the search; what may be the worst is then solved to the full accuracy."""
 
 MOST_WEIGHT = 2.0
 """Gauge at which the search looks where the contact does not hold at all."""
@@ -28,51 +25,91 @@ MOST_WEIGHT = 2.0
 SHARED = 3
 """The worst parameters of this many instants are tried at all instants."""
 
+PROMISING = 0.95
+"""Share of the worst utilisation so far from which a quick search goes on."""
+
 TIPPING = 1e-3
 """A limit counts as tipping if the centre of pressure alone explains the utilisation to this accuracy."""
 
 
+@dataclass(frozen=True)
+class Thoroughness:
+    """How a search goes about it.
+
+    every: instants from one search to the next; rounds: steps of each; gap: accuracy of the gauge in them. What may be
+    the worst is then solved to full accuracy.
+    """
+
+    every: int
+    rounds: int
+    gap: float
+
+
 def check_contacts(
-    scene: Scene, motion: Motion, system: System, starts: list[Parameters], rounds: int, tally: Tally
+    scene: Scene, motion: Motion, system: System, starts: list[Parameters], how: Thoroughness, tally: Tally
 ) -> None:
-    """Worst utilisation of one contact system, searched at every instant from each of `starts` (T sets of values)."""
-    search = _Search(scene, motion, system, tally)
+    """Worst utilisation of one contact system.
+
+    At every so-manieth instant the search starts from each of `starts` (T sets of values). All instants are then tried
+    with the worst values of the nearest of these, and with the worst of all (the searched ones only, for bridges).
+    """
+    search = _Search(scene, motion, system, how.gap, tally)
+    every, rounds = how.every, how.rounds
+    everywhere = np.arange(len(motion.free))
+    chosen = everywhere[::every]
+    rounds = rounds if scene.uncertain else 0
     for start in starts:
-        search.follow(start, rounds if scene.uncertain else 0)
+        search.follow(chosen, start.at(chosen), rounds)
+    if every > 1:
+        nearest = np.minimum((everywhere + every // 2) // every, len(chosen) - 1) * every
+        search.follow(everywhere, search.worst.at(nearest), min(rounds, 1), cull=True)
     if scene.uncertain:
-        count = len(search.upper)
+        tried = everywhere if len(system.objects) == 1 else chosen
         for t in np.argsort(-search.upper, kind="stable")[:SHARED]:
-            search.follow(search.worst.at(int(t)).repeated(count), 0)
+            search.follow(tried, search.worst.at(int(t)).repeated(len(tried)), 0, cull=True)
     search.report()
 
 
 class _Search:
     """The worst values found so far at each instant, `worst`, and the bracket of their gauge, `upper`, `lower` (T,)."""
 
-    def __init__(self, scene: Scene, motion: Motion, system: System, tally: Tally) -> None:
-        self.scene, self.motion, self.system, self.tally = scene, motion, system, tally
+    def __init__(self, scene: Scene, motion: Motion, system: System, gap: float, tally: Tally) -> None:
+        self.scene, self.motion, self.system, self.gap, self.tally = scene, motion, system, gap, tally
         count = len(motion.free)
         self.worst = scene.nominal.repeated(count)
         self.upper, self.lower = np.full(count, -np.inf), np.full(count, -np.inf)
 
-    def follow(self, values: Parameters, rounds: int) -> None:
-        """Try `values`, and then `rounds` times the ends that look worse from there, where these are new."""
-        index = np.arange(len(self.upper))
+    def follow(self, index: Indices, values: Parameters, rounds: int, cull: bool = False) -> None:
+        """Try `values` at the instants `index`, and then `rounds` times the ends that look worse from there.
+
+        With `cull`, instants that are clearly better than the worst of their kind so far are left alone.
+        """
         for left in range(rounds, -1, -1):
-            solution = self._try(index, values)
-            if not left:
-                return
-            there = self.motion.at(index)
-            ends = worse_ends(self.scene, there, self.system, values, solution)
-            new = np.zeros(len(index), dtype=bool)
-            for old, end in zip(values.arrays(), ends.arrays(), strict=True):
-                new |= (old != end).reshape(-1, len(index)).any(axis=0)
-            index, values = index[new], ends.at(np.flatnonzero(new))
+            if cull:
+                index, values = self._doubtful(index, values)
             if not len(index):
                 return
+            solution = self._try(index, values, self._level()[index] if cull else 0.0)
+            if left:
+                there = self.motion.at(index)
+                ends = worse_ends(self.scene, there, self.system, values, solution)
+                new = _differ(values, ends)
+                if cull:
+                    new &= solution.value >= PROMISING * self._level()[index]
+                index, values = index[new], ends.at(np.flatnonzero(new))
 
-    def _try(self, index: Indices, values: Parameters) -> Gauge:
-        solution = solve(self.scene, self.motion.at(index), self.system, values, SEARCH_GAP)
+    def _doubtful(self, index: Indices, values: Parameters) -> tuple[Indices, Parameters]:
+        """The instants where no simple choice of forces shows that they are better than the worst so far."""
+        there = self.motion.at(index)
+        rest, move = system_load(self.system, body_loads(self.scene, tray_motion(there, values.error), values))
+        level = np.maximum(self._level()[index], 0.0)
+        contacts = self.scene.contacts(self.system, values)
+        open_ = ~(simply_held(contacts, rest) & simply_held(contacts, level * rest + move))
+        self.tally.tests += len(index)
+        return index[open_], values.at(np.flatnonzero(open_))
+
+    def _try(self, index: Indices, values: Parameters, enough: Array | float) -> Gauge:
+        solution = solve(self.scene, self.motion.at(index), self.system, values, self.gap, enough)
         better = solution.value > self.upper[index]
         found = index[better]
         for own, new in zip(self.worst.arrays(), values.arrays(), strict=True):
@@ -81,13 +118,19 @@ class _Search:
         self.tally.tests += len(index)
         return solution
 
+    def _level(self) -> Array:
+        """The worst utilisation so far of the kind of each instant, on the grid or between, (T,)."""
+        safe = np.minimum(self.lower, self.upper)
+        grid = self.tally.grid
+        levels = [safe[kind].max(initial=-np.inf) for kind in (grid, ~grid)]
+        return np.asarray(np.where(grid, levels[0], levels[1]))
+
     def report(self) -> None:
         """Solve what may be the worst of its kind to full accuracy, and tell the tally."""
         for kind in (self.tally.grid, ~self.tally.grid):
             if not kind.any():
                 continue
-            level = np.minimum(self.lower, self.upper)[kind].max()
-            close = np.flatnonzero(kind & (self.upper >= level))
+            close = np.flatnonzero(kind & (self.upper >= self._level()))
             values = self.worst.at(close)
             there = self.motion.at(close)
             utilisation = solve(self.scene, there, self.system, values, GAP).value
@@ -104,10 +147,18 @@ class _Search:
             )
 
 
-def solve(scene: Scene, motion: Motion, system: System, values: Parameters, gap: float) -> Gauge:
-    """Gauge of a system at T instants with T sets of values."""
+def _differ(first: Parameters, second: Parameters) -> Flags:
+    """Whether two times T sets of values differ, (T,)."""
+    pairs = zip(first.arrays(), second.arrays(), strict=True)
+    return np.asarray(np.any([(a != b).reshape(-1, a.shape[-1]).any(axis=0) for a, b in pairs], axis=0))
+
+
+def solve(
+    scene: Scene, motion: Motion, system: System, values: Parameters, gap: float, enough: Array | float = 0.0
+) -> Gauge:
+    """Gauge of a system at T instants with T sets of values; any that is at most `enough` will do."""
     loads = body_loads(scene, tray_motion(motion, values.error), values)
-    return gauge_from_rest(scene.contacts(system, values), *system_load(system, loads), gap=gap)
+    return gauge_from_rest(scene.contacts(system, values), *system_load(system, loads), enough, gap)
 
 
 def report(

@@ -140,7 +140,7 @@ class _InteriorPoint:
         self.residual = self.move + self.g * self.rest - self.contacts.pressed(self.force)
         self.product = self.g * self.slack_g + (self.force * self.slack).sum(axis=(0, 1))
         unbalanced = np.sqrt((self.residual**2).sum(axis=0))
-        enough = (unbalanced < self.gap * (1.0 + self.g)) & (self.g <= self.enough)
+        enough = (unbalanced < GAP * (1.0 + self.g)) & (self.g <= self.enough)
         error = np.maximum(unbalanced, self.g - lower) / (1.0 + self.g)
         better = enough | (error < self.error)
         found = self.index[better]
