@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robustopt.contact import ContactSystem, about_point
+from robustopt.contact import ContactSystem
 from robustopt.polygons import Loads
 from robustopt.robot import ArmDynamics, JointLimits
 from robustopt.uncertainty import Body, regressor, spin_regressor
@@ -31,7 +31,7 @@ class PathMotion:
     """Motion of arm and tray along the path at P grid points, per u, x and joint acceleration error.
 
     q1, q2: q', q'' (P, n); arm: dynamics of the arm alone; regressors: wrench per inertial parameter, tray frame about
-    the tray's origin, (P, 6, 10, 3 + n), last index u, x, 1 and the acceleration error of each joint
+    the tray's origin, (P, 3 + n, 6, 10), second index u, x, 1 and the acceleration error of each joint
     """
 
     q1: Array
@@ -51,7 +51,7 @@ def path_motion(q1: Array, q2: Array, arm: ArmDynamics) -> PathMotion:
     linear[:, 3:], angular[:, 3:] = np.swapaxes(J[:, :3], 1, 2), np.swapaxes(J[:, 3:], 1, 2)
     regressors = regressor(linear, angular)
     regressors[:, 1] += spin_regressor(per_u[:, 3:])
-    return PathMotion(q1, q2, arm, np.moveaxis(regressors, 1, -1))
+    return PathMotion(q1, q2, arm, regressors)
 
 
 def body_loads(
@@ -59,52 +59,52 @@ def body_loads(
 ) -> Loads:
     """Loads of stacked objects, each of which carries the bodies listed for it.
 
-    about: the point that the moments of each object are about, (3,); centres of mass keep the bounds of interval terms
-    tight that the polygons screen their rows with; middle, radius: of the joint acceleration error (n,) [rad/s^2]
+    about: the point that the moments of each object are about, (3,); at centres of mass the remainders are
+    small; middle, radius: of the joint acceleration error (n,) [rad/s^2]
     """
-    points, _, _, columns = motion.regressors.shape
-    joints, d = columns - 3, 6 * len(loads)
+    points, columns, _, _ = motion.regressors.shape
+    d = 6 * len(loads)
     listed = {body.name: body for row in loads for body in row}
     certain = [body for body in listed.values() if body.mass[0] == body.mass[1]]
     uncertain = [body for body in listed.values() if body.mass[0] < body.mass[1]]
     groups = [[(body, body.mass[0]) for body in certain]] + [[(body, 1.0)] for body in uncertain]
     erring = np.flatnonzero(radius)
 
-    def wrench(parameters: Array, body: Body) -> Array:
-        """(P, d, 3 + n): the body's parameters seen by every object that carries it."""
-        per_block = np.einsum("pijk,j->pik", motion.regressors, parameters)
-        result = np.zeros((points, d, columns))
+    def wrenches(parameters: Array, body: Body) -> Array:
+        """(K, P, 3 + n, d): K sets of the body's parameters seen by every object that carries it."""
+        per_block = (parameters @ motion.regressors.reshape(-1, 10).T).reshape(-1, points, columns, 6)
+        result = np.zeros((len(parameters), points, columns, d))
         for block, row in enumerate(loads):
             if body in row:
-                result[:, 6 * block : 6 * block + 6] = about_point(about[block]) @ per_block
+                result[..., 6 * block : 6 * block + 6] = _moved(per_block, about[block])
         return result
 
     def at_middle(full: Array) -> Array:
         """(P, d, 3): coefficients of u, x, 1 with the error at the middle of its interval."""
-        result = full[:, :, :3].copy()
-        result[:, :, 2] += full[:, :, 3:] @ middle
+        result = np.swapaxes(full[:, :3], 1, 2).copy()
+        if np.any(middle):
+            result[:, :, 2] += middle @ full[:, 3:]
         return result
 
     centres, terms, group = [], [], []
     constant, constant_group = [], []
     remainder, remainder_group = [], []
     for g, members in enumerate(groups):
-        nominal = np.zeros((points, d, columns))
+        nominal = np.zeros((points, columns, d))
         bound = np.zeros((points, d))
         for body, mass in members:
-            nominal += wrench(mass * body.psi, body)
-            for step in body.linear[np.any(body.linear != 0, axis=1)]:
-                full = wrench(mass * step, body)
-                terms.append(at_middle(full))
-                group.append(g)
-                bound += np.abs(full[:, :, 3:]) @ radius
-            for square in body.remainder[np.any(body.remainder != 0, axis=1)]:
-                full = wrench(mass * square, body)
-                remainder.append(at_middle(full))
-                remainder_group.append(g)
-                bound += np.abs(full[:, :, 3:]) @ radius
+            steps = body.linear[np.any(body.linear != 0, axis=1)]
+            squares = body.remainder[np.any(body.remainder != 0, axis=1)]
+            all_wrenches = wrenches(mass * np.vstack([body.psi, steps, squares]), body)
+            nominal += all_wrenches[0]
+            if len(erring):
+                bound += np.einsum("kpcd,c->pd", np.abs(all_wrenches[1:, :, 3 + erring]), radius[erring])
+            terms += [at_middle(full) for full in all_wrenches[1 : 1 + len(steps)]]
+            group += [g] * len(steps)
+            remainder += [at_middle(full) for full in all_wrenches[1 + len(steps) :]]
+            remainder_group += [g] * len(squares)
         centres.append(at_middle(nominal))
-        constant.append(nominal[:, :, 3 + erring] * radius[erring])
+        constant.append(np.swapaxes(nominal[:, 3 + erring] * radius[erring, None], 1, 2))
         constant_group += [g] * len(erring)
         if np.any(bound):
             remainder.append(np.stack([np.zeros_like(bound), np.zeros_like(bound), bound], axis=2))
@@ -121,6 +121,16 @@ def body_loads(
         lowest=np.array([1.0] + [body.mass[0] for body in uncertain]),
         highest=np.array([1.0] + [body.mass[1] for body in uncertain]),
     )
+
+
+def _moved(wrenches: Array, point: Array) -> Array:
+    """Wrenches about the origin (..., 6) as wrenches about a point (3,)."""
+    (x, y, z), (fx, fy, fz) = point, (wrenches[..., k] for k in range(3))
+    result: Array = wrenches.copy()
+    result[..., 3] -= y * fz - z * fy
+    result[..., 4] -= z * fx - x * fz
+    result[..., 5] -= x * fy - y * fx
+    return result
 
 
 @dataclass(frozen=True)
