@@ -21,7 +21,8 @@ from robustopt.timescaling.reachability import passes
 Array = np.ndarray
 
 SMALLEST_X = 1e-7
-"""Lower bound of x away from rest, as a fraction of its upper bound: keeps the root differentiable, far below any plan."""
+"""Lower bound of x away from rest, as a fraction of the fastest feasible timing: keeps the root differentiable. A bound
+relative to x_max would not do, which the rows may keep far out of reach."""
 
 OPTIONS = {
     "print_time": False,
@@ -44,7 +45,8 @@ def solve_ipopt(problem: TimeScalingProblem, guess: Array | None = None) -> Plan
     if stuck >= 0:
         figures = {"solver_seconds": time.perf_counter() - began}
         return failed_plan(problem, Status.INFEASIBLE, "ipopt", Status.INFEASIBLE.sentence, stuck, figures)
-    x, outcome, iterations = _minimise(problem, feasible_x if guess is None else guess, OPTIONS)
+    lower = SMALLEST_X * np.where(feasible_x > 0, feasible_x, problem.x_max)
+    x, outcome, iterations = _minimise(problem, feasible_x if guess is None else guess, lower, OPTIONS)
     figures = {"solver_seconds": time.perf_counter() - began, "ipopt_iterations": float(iterations)}
     if outcome == "User_Requested_Stop":  # what CasADi makes of Ctrl-C
         raise KeyboardInterrupt
@@ -54,14 +56,16 @@ def solve_ipopt(problem: TimeScalingProblem, guess: Array | None = None) -> Plan
     return solved_plan(problem, x, "ipopt", figures)
 
 
-def _minimise(problem: TimeScalingProblem, guess: Array, options: dict[str, object]) -> tuple[Array, str, int]:
+def _minimise(
+    problem: TimeScalingProblem, guess: Array, smallest: Array, options: dict[str, object]
+) -> tuple[Array, str, int]:
+    """x (P,) of least cost, how Ipopt ended, and its iterations; guess, smallest: start and lower bound of x (P,)."""
     free = np.flatnonzero(problem.x_max > 0)
     rows, right = _rows(problem, free)
     variable = ca.MX.sym("x", len(free))
     objective = _objective(problem, _spread(variable, free, problem), _spread(ca.sqrt(variable), free, problem), problem.config.solver.cost)
-    upper = problem.x_max[free]
+    lower, upper = smallest[free], problem.x_max[free]
     solver = ca.nlpsol("outer", "ipopt", {"x": variable, "f": objective, "g": ca.DM(rows) @ variable}, options)
-    lower = SMALLEST_X * upper
     answer = solver(x0=np.clip(guess[free], 10 * lower, 0.999 * upper), lbx=lower, ubx=upper, lbg=-np.inf, ubg=right)
     result = np.zeros(len(problem.s))
     result[free] = np.clip(np.array(answer["x"]).ravel(), 0.0, upper)
