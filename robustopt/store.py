@@ -24,7 +24,7 @@ from robustopt.errors import RunFolderError
 
 PROVENANCE, CONFIG, SUMMARY = "provenance.json", "config.yaml", "summary.json"
 
-PACKAGES = ("numpy", "scipy", "mujoco", "mink", "daqp", "casadi", "highspy", "numba", "pydantic", "PyYAML")
+PACKAGES = ("numpy", "scipy", "mujoco", "casadi", "highspy", "numba", "pydantic", "PyYAML")
 """Packages whose versions a run records: those that can change its numbers."""
 
 
