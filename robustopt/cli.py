@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 from collections.abc import Sequence
@@ -255,7 +256,11 @@ def run(arguments: Sequence[str]) -> int:
 
 
 def main() -> None:
-    """Entry point of the command `robustopt`."""
+    """Entry point of the command `robustopt`.
+
+    One thread for linear algebra: the matrices are small, and sums are then the same on every machine load.
+    """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _on_interrupt)
     sys.exit(run(sys.argv[1:]))
