@@ -77,15 +77,26 @@ def _references(config: Config, names: Collection[str]) -> Iterator[Finding]:
         (("uncertainty", "center_of_mass"), uncertain.center_of_mass, bodies),
     ]
     if execution is not None:
-        per_name.append((("execution", "truth", "friction"), execution.truth.friction, interfaces))
-        per_name.append((("execution", "disturbance", "on"), {execution.disturbance.on: None}, bodies))
+        truth: Key = ("execution", "truth")
+        true, varied = execution.truth, execution.truth.variation
+        per_name += [
+            ((*truth, "friction"), true.friction, interfaces),
+            ((*truth, "mass"), true.mass, bodies),
+            ((*truth, "center_of_mass"), true.center_of_mass, bodies),
+            ((*truth, "inertia"), true.inertia, bodies),
+            ((*truth, "contact_inset"), true.contact_inset, names),
+            ((*truth, "variation", "friction"), varied.friction, interfaces),
+            ((*truth, "variation", "mass"), varied.mass, bodies),
+            ((*truth, "variation", "center_of_mass"), varied.center_of_mass, bodies),
+            (("execution", "disturbance", "on"), {execution.disturbance.on: None}, bodies),
+        ]
     for key, values, valid in per_name:
         if not isinstance(values, Mapping):
             continue
         for name in values:
             if name not in valid:
                 yield (key if key[-1] == "on" else (*key, name)), _unknown(name, valid)
-        if key[-1] == "friction" and key[0] != "uncertainty" and "default" not in values:
+        if key == ("contact", "friction") and "default" not in values:
             missing = [name for name in names if name not in values]
             if missing:
                 yield key, f"no value for {', '.join(missing)}; expected one for each object, or `default`"
@@ -209,7 +220,7 @@ def _intervals(config: Config) -> Iterator[Finding]:
         yield from _interval(("learning", "friction"), config.learning.friction)
     for name, interval in uncertain.mass.items():
         key: Key = ("uncertainty", "mass", name)
-        yield from _interval(key, interval, above_zero=True)
+        yield from _interval(key, interval)
         body = config.tray if name == "tray" else config.objects.get(name)
         if body is not None:
             where = f"{name}.mass" if name == "tray" else f"objects.{name}.mass"
@@ -224,7 +235,7 @@ def _friction(config: Config) -> Iterator[Finding]:
     base: Key = ("uncertainty", "friction")
     by_name = intervals if isinstance(intervals, Mapping) else {"": intervals}
     for name, interval in by_name.items():
-        yield from _interval((*base, name) if name else base, interval, above_zero=True)
+        yield from _interval((*base, name) if name else base, interval)
     for name in config.objects:
         used = name if name in by_name else "default" if "default" in by_name else ""
         if used not in by_name:
@@ -234,12 +245,10 @@ def _friction(config: Config) -> Iterator[Finding]:
             yield from _inside((*base, used) if used else base, by_name[used], value, "contact.friction")
 
 
-def _interval(key: Key, interval: tuple[float, float], above_zero: bool = False) -> Iterator[Finding]:
+def _interval(key: Key, interval: tuple[float, float]) -> Iterator[Finding]:
     low, high = interval
     if low > high:
         yield key, f"found [{low:g}, {high:g}]; expected the lowest value first: [{high:g}, {low:g}]"
-    elif above_zero and low <= 0:
-        yield key, f"found [{low:g}, {high:g}]; expected both values above 0"
 
 
 def _inside(key: Key, interval: tuple[float, float], value: float, where: str) -> Iterator[Finding]:

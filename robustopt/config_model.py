@@ -1,7 +1,8 @@
 """Models of the configuration: what each key means, its unit, default and bounds.
 
 Units are SI, angles are radians. The reference page and the JSON Schema are generated from the descriptions here;
-what relates several keys to each other is in `config_check`.
+what relates several keys to each other is in `config_check`. Lengths, masses and friction are bounded to what a robot
+can carry, so that no later computation overflows (our choice).
 """
 
 from __future__ import annotations
@@ -14,7 +15,14 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, FiniteFloat,
 Real = FiniteFloat
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 NonNegative = Annotated[FiniteFloat, Field(ge=0)]
-Vector2 = tuple[Real, Real]
+Length = Annotated[FiniteFloat, Field(ge=1e-6, le=100)]
+Coordinate = Annotated[FiniteFloat, Field(ge=-1000, le=1000)]
+Distance = Annotated[FiniteFloat, Field(ge=0, le=100)]
+Mass = Annotated[FiniteFloat, Field(ge=1e-6, le=1e6)]
+Friction = Annotated[FiniteFloat, Field(ge=1e-6, le=100)]
+Point2 = tuple[Coordinate, Coordinate]
+Point3 = tuple[Coordinate, Coordinate, Coordinate]
+Size = tuple[Length, Length, Length]
 Vector3 = tuple[Real, Real, Real]
 Vector4 = tuple[Real, Real, Real, Real]
 Vector6 = tuple[Real, Real, Real, Real, Real, Real]
@@ -33,7 +41,7 @@ class Section(BaseModel):
 
 
 class Pose(Section):
-    position: Vector3 = Field(default=(0.0, 0.0, 0.0), description="position [m]")
+    position: Point3 = Field(default=(0.0, 0.0, 0.0), description="position [m]")
     rpy: Vector3 = Field(default=(0.0, 0.0, 0.0), description="roll, pitch, yaw about the fixed x, y, z axes [rad]")
 
 
@@ -73,10 +81,10 @@ class RobotConfig(Section):
 
 
 class TrayConfig(Section):
-    size: tuple[Positive, Positive, Positive] = Field(description="edge lengths of the tray, a box [m]")
-    mass: Positive = Field(description="mass of the tray [kg]")
+    size: Size = Field(description="edge lengths of the tray, a box [m]")
+    mass: Mass = Field(description="mass of the tray [kg]")
     pose: Pose = Field(default=Pose(), description="pose of the tray's centre in the tool frame")
-    center_of_mass: Vector3 = Field(
+    center_of_mass: Point3 = Field(
         default=(0.0, 0.0, 0.0),
         description="centre of mass in the tray frame, whose origin is the tray's centre [m]",
     )
@@ -89,21 +97,21 @@ class TrayConfig(Section):
 
 class ObjectConfig(Section):
     shape: Literal["box", "cylinder"] = Field(description="shape; a cylinder stands upright")
-    size: tuple[Positive, Positive, Positive] | None = Field(default=None, description="edge lengths of a box [m]")
-    radius: Positive | None = Field(default=None, description="radius of a cylinder [m]")
-    height: Positive | None = Field(default=None, description="height of a cylinder [m]")
-    mass: Positive = Field(description="mass [kg]")
+    size: Size | None = Field(default=None, description="edge lengths of a box [m]")
+    radius: Length | None = Field(default=None, description="radius of a cylinder [m]")
+    height: Length | None = Field(default=None, description="height of a cylinder [m]")
+    mass: Mass = Field(description="mass [kg]")
     on: str | tuple[str, str] = Field(
         default="tray", description="what the object stands on: `tray`, another object, or two of them (a bridge)"
     )
-    at: Vector2 = Field(
+    at: Point2 = Field(
         default=(0.0, 0.0),
         description="centre of the object's base in the frame of its support; for a bridge in the tray frame [m]",
     )
     yaw: Real = Field(
         default=0.0, description="turn about the vertical against its support; for a bridge against the tray [rad]"
     )
-    center_of_mass: Vector3 = Field(
+    center_of_mass: Point3 = Field(
         default=(0.0, 0.0, 0.0),
         description="centre of mass in the object's frame, whose origin is its geometric centre [m]",
     )
@@ -115,7 +123,7 @@ class ObjectConfig(Section):
 
 
 class ContactConfig(Section):
-    friction: Positive | dict[str, Positive] = Field(
+    friction: Friction | dict[str, Friction] = Field(
         default=0.5,
         description="coefficient of friction the planner believes: one value, or one per object for the interface "
         "under it (`default` for the rest); where it is not given and uncertainty.friction is, the middle of that",
@@ -127,7 +135,7 @@ class ContactConfig(Section):
 
 
 class TrayPose(Section):
-    position: Vector3 = Field(description="position of the tray's centre in the world [m]")
+    position: Point3 = Field(description="position of the tray's centre in the world [m]")
     rpy: Vector3 | None = Field(default=None, description="roll, pitch, yaw about the fixed x, y, z axes [rad]")
     yaw: Real | None = Field(default=None, description="turn about the vertical, for a level tray [rad]")
     quaternion: Vector4 | None = Field(default=None, description="orientation w, x, y, z, of any length but 0")
@@ -174,22 +182,22 @@ class AccelerationError(Section):
 
 
 class UncertaintyConfig(Section):
-    friction: Interval | dict[str, Interval] | None = Field(
+    friction: tuple[Friction, Friction] | dict[str, tuple[Friction, Friction]] | None = Field(
         default=None,
         description="interval of the coefficient of friction, one for all or one per object for the interface "
         "under it (`default` for the rest)",
     )
-    contact_points: NonNegative | dict[str, NonNegative] | None = Field(
+    contact_points: Distance | dict[str, Distance] | None = Field(
         default=None,
         description="each contact point may lie this far from its place along x and along y, one value for all or "
         "one per object for the interface under it (`default` for the rest) [m]",
     )
-    center_of_mass: dict[str, tuple[NonNegative, NonNegative, NonNegative]] = Field(
+    center_of_mass: dict[str, tuple[Distance, Distance, Distance]] = Field(
         default={},
         description="largest distance of the centre of mass from its place along x, y, z of the object's (or the "
         "tray's) frame, by object name or `tray` [m]",
     )
-    mass: dict[str, Interval] = Field(
+    mass: dict[str, tuple[Mass, Mass]] = Field(
         default={},
         description="interval of the mass, which scales the inertia, by object name or `tray` [kg]",
     )
@@ -221,11 +229,48 @@ class OutputConfig(Section):
     )
 
 
+class VariationConfig(Section):
+    distribution: Literal["normal", "uniform"] = Field(
+        default="normal",
+        description="how values are drawn for each trial: normal, with the deviations below, or uniform, at most the "
+        "deviations below from the value; a friction or mass at or below 0 is drawn again",
+    )
+    friction: NonNegative | dict[str, NonNegative] = Field(
+        default=0.0,
+        description="deviation of the coefficient of friction, one for all or one per object for the interface "
+        "under it (`default` for the rest)",
+    )
+    mass: dict[str, NonNegative] = Field(
+        default={}, description="deviation of the mass, by object name or `tray`; the inertia scales with it [kg]"
+    )
+    center_of_mass: dict[str, tuple[NonNegative, NonNegative, NonNegative]] = Field(
+        default={}, description="deviation of the centre of mass along x, y, z, by object name or `tray` [m]"
+    )
+
+
 class TruthConfig(Section):
-    friction: Positive | dict[str, Positive] = Field(
-        default=0.5,
+    friction: Friction | dict[str, Friction] | None = Field(
+        default=None,
         description="true coefficient of friction, one value, or one per object for the interface under it "
-        "(`default` for the rest)",
+        "(`default` for the rest); without it what the planner believes",
+    )
+    mass: dict[str, Mass] = Field(
+        default={}, description="true mass, which scales the inertia, by object name or `tray` [kg]"
+    )
+    center_of_mass: dict[str, Point3] = Field(
+        default={}, description="true centre of mass in the object's (or the tray's) frame, by name [m]"
+    )
+    inertia: dict[str, Vector3 | Vector6] = Field(
+        default={},
+        description="true inertia about the centre of mass, by object name or `tray`, as in objects; it does not "
+        "scale with the mass [kg m^2]",
+    )
+    contact_inset: dict[str, Distance] = Field(
+        default={},
+        description="how much smaller than its shape the base of an object is on every side, by object name [m]",
+    )
+    variation: VariationConfig = Field(
+        default=VariationConfig(), description="how true values vary from trial to trial about those above"
     )
 
 
@@ -240,7 +285,9 @@ class ControllerConfig(Section):
         default=None, description="derivative gain, one value or one per joint [N m s/rad or N s/m]"
     )
     feedforward: Literal["gravity", "computed_torque"] = Field(
-        default="gravity", description="torque that is added to that of the gains"
+        default="gravity",
+        description="torque that is added to that of the gains: gravity compensation of arm and tray, or also the "
+        "torque that the planned motion takes with the load that the planner believes",
     )
 
 
@@ -248,8 +295,31 @@ class DisturbanceConfig(Section):
     force_deviation: tuple[NonNegative, NonNegative, NonNegative] = Field(
         default=(0.0, 0.0, 0.0), description="standard deviation of a random force along the world's x, y, z [N]"
     )
-    on: str = Field(default="tray", description="what the force acts on: `tray` or an object")
+    on: str = Field(
+        default="tray", description="what the force acts on, in its centre of mass: `tray` or an object"
+    )
     hold: Positive = Field(default=0.001, description="time for which a drawn force is held [s]")
+    calibration_deviation: NonNegative | tuple[NonNegative, ...] = Field(
+        default=0.0,
+        description="standard deviation of the joints' calibration offsets, drawn once per trial, one value or one "
+        "per joint [rad or m]",
+    )
+
+
+class FailureConfig(Section):
+    slip: Positive = Field(
+        default=0.005, description="an object has slid when a point of its base has moved this far on its support [m]"
+    )
+    tilt: Positive = Field(
+        default=0.08726646259971647, description="it has tipped when it is this far from upright on its support [rad]"
+    )
+    drop: Positive = Field(default=0.005, description="it has fallen when it is this far below its place [m]")
+    lift: Positive = Field(
+        default=0.001, description="it has lost contact when all of its base is this far above its support [m]"
+    )
+    saturation: NonNegative = Field(
+        default=0.01, description="a joint torque may stay at its limit for this long without a break [s]"
+    )
 
 
 class ExecutionConfig(Section):
@@ -258,10 +328,19 @@ class ExecutionConfig(Section):
     )
     timestep: Positive = Field(default=0.001, description="time step of the simulation [s]")
     controller: ControllerConfig = Field(
-        default=ControllerConfig(), description="joint controller; without gains those of the robot"
+        default=ControllerConfig(),
+        description="joint controller; gains that are not given are those of the model file, else derived from the "
+        "joint's inertia",
     )
     disturbance: DisturbanceConfig = Field(default=DisturbanceConfig(), description="random force during the execution")
+    hold: tuple[NonNegative, NonNegative] = Field(
+        default=(0.2, 0.6), description="time for which the robot stands still before and after the motion [s]"
+    )
+    failure: FailureConfig = Field(default=FailureConfig(), description="what counts as a failure")
     trials: int = Field(default=100, ge=1, le=1_000_000, description="number of Monte Carlo trials")
+    confidence: Positive = Field(
+        default=0.95, lt=1, description="level of the Clopper-Pearson interval of the success rate"
+    )
 
 
 class LearnedParameter(Section):

@@ -175,26 +175,31 @@ def _usable(data: dict[str, Any], own: dict[Key, str], folder: Path) -> tuple[Co
     """A configuration without the parts that are wrong, to check the rest, and the keys that were left out."""
     left, doubtful, wrong = deepcopy(data), set[Key](), own
     for _ in range(20):
-        for key, message in wrong.items():
-            removed = _remove(left, key)
-            if not message.startswith("unknown key"):
-                doubtful.add(removed)
+        doubtful |= {_written(left, key) for key, message in wrong.items() if not message.startswith("unknown key")}
+        for key in sorted({_written(left, key) for key in wrong}, key=len, reverse=True):
+            _remove(left, key)
         config, wrong = _attempt(left, folder)
         if config is not None:
             return config, doubtful
     return None, doubtful
 
 
-def _remove(data: dict[str, Any], key: Key) -> Key:
-    """Take out a value, or the list around it, or the section that misses it; the key of what was taken out."""
-    while any(isinstance(part, int) for part in key):
-        key = key[:-1]
+def _written(data: dict[str, Any], key: Key) -> Key:
+    """The value at a key, or the list around it, or the section that misses it; a top-level key in any case."""
+    written: Key = key[:1]
+    container: Any = data
+    for i, part in enumerate(key):
+        if isinstance(part, int) or not isinstance(container, dict) or part not in container:
+            break
+        written, container = key[: i + 1], container[part]
+    return written
+
+
+def _remove(data: dict[str, Any], key: Key) -> None:
+    """Take out the value at a key; a placeholder takes the place of what a configuration cannot do without."""
     container: Any = data
     for part in key[:-1]:
         container = container[part]
-    if key[-1] not in container and len(key) > 1:
-        return _remove(data, key[:-1])
     container.pop(key[-1], None)
     if len(key) == 1 and key[0] in _PLACEHOLDERS:
         data[str(key[0])] = deepcopy(_PLACEHOLDERS[str(key[0])])
-    return key

@@ -87,9 +87,9 @@ def _bounds(notes: Sequence[Any]) -> str:
     low = next((note.ge for note in notes if isinstance(note, Ge)), None)
     high = next((note.le for note in notes if isinstance(note, Le)), None)
     if low is not None and high is not None:
-        return f" from {low} to {high}"
+        return f" from {low:g} to {high:g}"
     above = next((note.gt for note in notes if isinstance(note, Gt)), None)
-    return f" of at least {low}" if low is not None else f" above {above}" if above is not None else ""
+    return f" of at least {low:g}" if low is not None else f" above {above:g}" if above is not None else ""
 
 
 def meaning(info: FieldInfo) -> str:

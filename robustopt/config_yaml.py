@@ -107,7 +107,7 @@ class Document:
 
     def override(self, text: str) -> None:
         """Apply one `key=value`; what cannot be applied is added to `problems`."""
-        location = f"override '{text}'"
+        location = f"override '{text if len(text) <= 100 else text[:97] + '...'}'"
         key_text, equals, value_text = text.partition("=")
         if not equals or not key_text.strip():
             message = "found no key=value; expected for example solver.collocation_points=500"
@@ -162,8 +162,13 @@ def _require_place(container: Any, key: Key, part: str | int) -> None:
             message = f"found position {part}; expected 0 to {len(container) - 1}, the entries of {above}"
             raise ConfigError(message, key=show_key(key))
     else:
-        message = f"{above} is {container!r}, which has no parts; replace it as a whole: {above}={{{part}: ...}}"
+        message = f"{above} is {_short(container)}, which has no parts; replace it as a whole: {above}={{{part}: ...}}"
         raise ConfigError(message, key=show_key(key))
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def read_yaml(path: Path) -> Document:

@@ -112,7 +112,7 @@ def test_validate_says_valid_or_every_mistake(run):
     code, out, err = run("validate", WAITER, "tray.mass=-1", "seed=x")
     assert (code, out) == (2, "")
     assert err.splitlines() == [
-        "error: override 'tray.mass=-1': tray.mass: found -1; expected a number above 0 in kilograms "
+        "error: override 'tray.mass=-1': tray.mass: found -1; expected a number from 1e-06 to 1e+06 in kilograms "
         "(mass of the tray)",
         "error: override 'seed=x': seed: found the text 'x'; expected a whole number of at least 0 "
         "(seed of every random number of the run)",
@@ -146,18 +146,21 @@ BAD_CONFIGS = {
     "not YAML": ("name: [1, 2\n", "not YAML: "),
     "list at top level": ("- 1\n", "found the list [1]; expected keys and values, such as `name: my-task`"),
     "unknown key": (["solver.metod=ipopt"], "solver.metod: unknown key; did you mean method? expected one of method, "),
-    "wrong unit": (["tray.size=[300 mm, 0.3, 0.01]"], "found the text '300 mm'; expected a plain number above 0 in m"),
+    "wrong unit": (
+        ["tray.size=[300 mm, 0.3, 0.01]"],
+        "found the text '300 mm'; expected a plain number from 1e-06 to 100 in m",
+    ),
     "wrong type": (["objects=[1]"], "objects: found the list [1]; expected a mapping of names to sections"),
-    "NaN": (["tray.mass=.nan"], "tray.mass: found nan; expected a number above 0 in kilograms"),
-    "infinity": (["contact.friction=.inf"], "contact.friction: found inf; expected a number above 0"),
+    "NaN": (["tray.mass=.nan"], "tray.mass: found nan; expected a number from 1e-06 to 1e+06 in kilograms"),
+    "infinity": (["contact.friction=.inf"], "contact.friction: found inf; expected a number from 1e-06 to 100"),
     "reversed interval": (["uncertainty.friction=[0.6, 0.4]"], "expected the lowest value first: [0.4, 0.6]"),
     "negative mass": (
         ["objects.upper.mass=-0.5"],
-        "objects.upper.mass: found -0.5; expected a number above 0 in kilogr",
+        "objects.upper.mass: found -0.5; expected a number from 1e-06 to 1e+06 in kil",
     ),
     "zero-size object": (
         ["objects.upper.size=[0, 0.1, 0.1]"],
-        "objects.upper.size[0]: found 0; expected a number above",
+        "objects.upper.size[0]: found 0; expected a number from 1e-06",
     ),
     "unknown support": (
         ["objects.upper.on=shelf"],
@@ -174,7 +177,7 @@ BAD_CONFIGS = {
         "path.tray_poses[1]: the same waypoint as path.tray_poses[0] before it; expected it once",
     ),
     "unreachable pose": (["path.tray_poses.1={position: [5, 0, 0.75]}"], "path.tray_poses[1]: "),
-    "friction 0": (["contact.friction=0"], "contact.friction: found 0; expected a number above 0"),
+    "friction 0": (["contact.friction=0"], "contact.friction: found 0; expected a number from 1e-06 to 100"),
     "2 grid points": (["solver.collocation_points=2"], "found 2; expected a whole number from 10 to 100000"),
     "1,000,000 grid points": (
         ["solver.collocation_points=1000000"],
