@@ -15,14 +15,14 @@ import numpy as np
 from scipy import sparse
 
 from robustopt.problem import TimeScalingProblem
-from robustopt.timescaling.plan import Plan, Status, failed_plan, solved_plan
+from robustopt.timescaling.plan import Plan, Status, duration_of, failed_plan, solved_plan
 from robustopt.timescaling.reachability import passes
 
 Array = np.ndarray
 
 SMALLEST_X = 1e-7
-"""Lower bound of x away from rest, as a fraction of the fastest feasible timing: keeps the root differentiable. A bound
-relative to x_max would not do, which the rows may keep far out of reach."""
+"""Lower bound of x away from rest, as a fraction of the fastest feasible timing, which Ipopt's variables are fractions
+of: keeps the root differentiable. A fraction of x_max would not do, which the rows may keep far out of reach."""
 
 OPTIONS = {
     "print_time": False,
@@ -45,8 +45,8 @@ def solve_ipopt(problem: TimeScalingProblem, guess: Array | None = None) -> Plan
     if stuck >= 0:
         figures = {"solver_seconds": time.perf_counter() - began}
         return failed_plan(problem, Status.INFEASIBLE, "ipopt", Status.INFEASIBLE.sentence, stuck, figures)
-    lower = SMALLEST_X * np.where(feasible_x > 0, feasible_x, problem.x_max)
-    x, outcome, iterations = _minimise(problem, feasible_x if guess is None else guess, lower, OPTIONS)
+    scale = np.where(feasible_x > 0, feasible_x, problem.x_max)
+    x, outcome, iterations = _minimise(problem, feasible_x if guess is None else guess, scale, OPTIONS)
     figures = {"solver_seconds": time.perf_counter() - began, "ipopt_iterations": float(iterations)}
     if outcome == "User_Requested_Stop":  # what CasADi makes of Ctrl-C
         raise KeyboardInterrupt
@@ -57,18 +57,26 @@ def solve_ipopt(problem: TimeScalingProblem, guess: Array | None = None) -> Plan
 
 
 def _minimise(
-    problem: TimeScalingProblem, guess: Array, smallest: Array, options: dict[str, object]
+    problem: TimeScalingProblem, guess: Array, scale: Array, options: dict[str, object]
 ) -> tuple[Array, str, int]:
-    """x (P,) of least cost, how Ipopt ended, and its iterations; guess, smallest: start and lower bound of x (P,)."""
+    """x (P,) of least cost, how Ipopt ended, and its iterations.
+
+    guess: where to start (P,); scale: a timing (P,) that the variables are fractions of, and the cost of its duration,
+    so that tolerances mean the same for slow and fast robots
+    """
     free = np.flatnonzero(problem.x_max > 0)
     rows, right = _rows(problem, free)
-    variable = ca.MX.sym("x", len(free))
-    objective = _objective(problem, _spread(variable, free, problem), _spread(ca.sqrt(variable), free, problem), problem.config.solver.cost)
-    lower, upper = smallest[free], problem.x_max[free]
-    solver = ca.nlpsol("outer", "ipopt", {"x": variable, "f": objective, "g": ca.DM(rows) @ variable}, options)
-    answer = solver(x0=np.clip(guess[free], 10 * lower, 0.999 * upper), lbx=lower, ubx=upper, lbg=-np.inf, ubg=right)
+    part = ca.MX.sym("x", len(free))
+    size = scale[free]
+    variable, matrix = part * ca.DM(size), ca.DM(rows.multiply(size).tocsc())
+    full, root = _spread(variable, free, problem), _spread(ca.sqrt(variable), free, problem)
+    objective = _objective(problem, full, root, problem.config.solver.cost) / duration_of(problem.ds, scale)
+    solver = ca.nlpsol("outer", "ipopt", {"x": part, "f": objective, "g": matrix @ part}, options)
+    upper = problem.x_max[free] / size
+    start = np.clip(guess[free] / size, 10 * SMALLEST_X, 0.999 * upper)
+    answer = solver(x0=start, lbx=SMALLEST_X, ubx=upper, lbg=-np.inf, ubg=right)
     result = np.zeros(len(problem.s))
-    result[free] = np.clip(np.array(answer["x"]).ravel(), 0.0, upper)
+    result[free] = size * np.clip(np.array(answer["x"]).ravel(), 0.0, upper)
     stats = solver.stats()
     return result, str(stats["return_status"]), int(stats["iter_count"])
 
