@@ -68,13 +68,14 @@ class ContactSystem:
     def kind_of(self, rows: Array) -> Array:
         """Which of the system's names facets or duals (F, d) belong to, shape (F,).
 
-        A row on which all friction edges of a contact point lie says that the body is about to turn over: tipping.
+        A row on which all friction edges of two contact points lie is the moment about the line through them: tipping.
+        (With one such point it says that the body pivots about that point, which is slip.)
         """
         if len(self.names) == 1 or not len(rows):
             return np.zeros(len(rows), dtype=np.int64)
         products = np.abs(rows @ self.generators)
         flat = products <= 1e-7 * products.max(axis=1, keepdims=True)
-        return flat.reshape(len(rows), -1, self.edges).all(axis=2).any(axis=1).astype(np.int64)
+        return (flat.reshape(len(rows), -1, self.edges).all(axis=2).sum(axis=1) > 1).astype(np.int64)
 
 
 def skew(vector: Array) -> Array:
