@@ -87,9 +87,15 @@ def _bounds(notes: Sequence[Any]) -> str:
     low = next((note.ge for note in notes if isinstance(note, Ge)), None)
     high = next((note.le for note in notes if isinstance(note, Le)), None)
     if low is not None and high is not None:
-        return f" from {low:g} to {high:g}"
+        return f" from {_number(low)} to {_number(high)}"
     above = next((note.gt for note in notes if isinstance(note, Gt)), None)
-    return f" of at least {low:g}" if low is not None else f" above {above:g}" if above is not None else ""
+    if low is not None:
+        return f" of at least {_number(low)}"
+    return f" above {_number(above)}" if above is not None else ""
+
+
+def _number(value: Any) -> str:
+    return str(int(value)) if value == int(value) else f"{value:g}"
 
 
 def meaning(info: FieldInfo) -> str:

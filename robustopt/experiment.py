@@ -103,6 +103,7 @@ def summary(result: PlanResult) -> dict[str, Any]:
         "certificate": _certificate(certificate, plan) if certificate is not None else None,
         "diagnosis": _diagnosis(diagnosis) if diagnosis is not None else None,
         "size": problem_size(plan.problem),
+        "notes": plan.problem.robot.notes,
         "statistics": plan.statistics,
         "seconds": result.seconds,
     }

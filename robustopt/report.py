@@ -45,11 +45,12 @@ def headline(data: Mapping[str, Any]) -> str:
 
 
 def sections(data: Mapping[str, Any]) -> list[tuple[str, list[Row]]]:
-    """The summary of a run under headings: what binds, certificate, why it is infeasible, size, times."""
+    """The summary of a run under headings: what binds, certificate, why there is no plan, size, times."""
     parts = [
         ("What binds, share of the duration", _binding(data.get("binding") or {})),
         ("Certificate", _certificate(data["certificate"]) if data.get("certificate") else []),
         ("Why there is no plan", _diagnosis(data["diagnosis"]) if data.get("diagnosis") else []),
+        ("Robot", [Row("note", note) for note in data.get("notes") or []]),
         ("Problem", rows(data.get("size") or {})),
         ("Solution", rows(data.get("statistics") or {})),
         ("Time [s]", rows(data.get("seconds") or {})),

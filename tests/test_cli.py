@@ -112,7 +112,7 @@ def test_validate_says_valid_or_every_mistake(run):
     code, out, err = run("validate", WAITER, "tray.mass=-1", "seed=x")
     assert (code, out) == (2, "")
     assert err.splitlines() == [
-        "error: override 'tray.mass=-1': tray.mass: found -1; expected a number from 1e-06 to 1e+06 in kilograms "
+        "error: override 'tray.mass=-1': tray.mass: found -1; expected a number from 1e-06 to 1000000 in kilograms "
         "(mass of the tray)",
         "error: override 'seed=x': seed: found the text 'x'; expected a whole number of at least 0 "
         "(seed of every random number of the run)",
@@ -151,12 +151,12 @@ BAD_CONFIGS = {
         "found the text '300 mm'; expected a plain number from 1e-06 to 100 in m",
     ),
     "wrong type": (["objects=[1]"], "objects: found the list [1]; expected a mapping of names to sections"),
-    "NaN": (["tray.mass=.nan"], "tray.mass: found nan; expected a number from 1e-06 to 1e+06 in kilograms"),
+    "NaN": (["tray.mass=.nan"], "tray.mass: found nan; expected a number from 1e-06 to 1000000 in kilograms"),
     "infinity": (["contact.friction=.inf"], "contact.friction: found inf; expected a number from 1e-06 to 100"),
     "reversed interval": (["uncertainty.friction=[0.6, 0.4]"], "expected the lowest value first: [0.4, 0.6]"),
     "negative mass": (
         ["objects.upper.mass=-0.5"],
-        "objects.upper.mass: found -0.5; expected a number from 1e-06 to 1e+06 in kil",
+        "objects.upper.mass: found -0.5; expected a number from 1e-06 to 1000000 in kil",
     ),
     "zero-size object": (
         ["objects.upper.size=[0, 0.1, 0.1]"],
