@@ -131,7 +131,7 @@ def _holds_at_rest(A, C, m):  # type: ignore[no-untyped-def]
 @nb.njit(cache=True)
 def passes(a, b, c, x_max, ds):  # type: ignore[no-untyped-def]
     """Backward and forward pass. Returns x (P,), an upper bound of every feasible x (P,), and the grid point where no
-    choice is left, or -1."""
+    choice is left or the robot cannot move on, or -1."""
     P, m = a.shape
     low, high, x, bound = np.zeros(P), np.zeros(P), np.zeros(P), np.zeros(P)
     A, B, C = np.empty(2 * m + 4), np.empty(2 * m + 4), np.empty(2 * m + 4)
@@ -165,6 +165,8 @@ def passes(a, b, c, x_max, ds):  # type: ignore[no-untyped-def]
                 if limit < u:
                     u, decreasing = limit, step * B[k] > A[k]
         x[i + 1] = min(max(x[i] + step * u, low[i + 1]), high[i + 1])
+        if x[i] == 0.0 and x[i + 1] == 0.0:
+            return x, bound, i
         bound[i + 1] = x[i + 1]
         if decreasing or bound[i] > x[i]:
             bound[i + 1] = _largest_next(A, B, C, n, step, low[i], bound[i], high[i + 1])
