@@ -88,7 +88,7 @@ def acceleration_error(config: Config, joints: int) -> tuple[Array, Array]:
 def _body(config: Config, name: str, item: TrayConfig | ObjectConfig, position: Array, yaw: float) -> Body:
     cosine, sine = np.cos(yaw), np.sin(yaw)
     turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-    inertia = turn @ (_inertia(item) / item.mass) @ turn.T
+    inertia = turn @ (inertia_matrix(item) / item.mass) @ turn.T
     arm = position + turn @ np.array(item.center_of_mass)
     reach = turn * np.array(config.uncertainty.center_of_mass.get(name, (0.0, 0.0, 0.0)))
     psi = _parameters(1.0, arm, inertia - skew(arm) @ skew(arm))
@@ -120,7 +120,7 @@ def _square(first: Array, second: Array) -> Array:
     return _parameters(0.0, np.zeros(3), -(skew(first) @ skew(second) + skew(second) @ skew(first)))
 
 
-def _inertia(item: TrayConfig | ObjectConfig) -> Array:
+def inertia_matrix(item: TrayConfig | ObjectConfig) -> Array:
     """Inertia about the centre of mass, axes of the body, shape (3, 3) [kg m^2]."""
     if item.inertia is not None:
         matrix = np.zeros((3, 3))
