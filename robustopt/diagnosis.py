@@ -75,7 +75,7 @@ def diagnose(plan: Plan) -> Diagnosis:
     if plan.status is not Status.INFEASIBLE:
         raise ValueError(f"only an infeasible plan has a conflict; this one is: {plan.status.value}")
     problem, point = plan.problem, max(plan.stuck, 0)
-    conflicts = tuple(_conflicts(problem))
+    conflicts = tuple(_told_apart(problem, list(_conflicts(problem))))
     return Diagnosis(
         point=point,
         s=float(problem.s[point]),
@@ -102,6 +102,21 @@ def _conflicts(problem: TimeScalingProblem) -> Iterator[tuple[str, ...]]:
         conflict = _irreducible(problem, names)
         yield tuple(conflict)
         names = [name for name in names if name not in conflict]
+
+
+def _told_apart(problem: TimeScalingProblem, conflicts: list[tuple[str, ...]]) -> Iterator[tuple[str, ...]]:
+    """The conflicts without slip that is only tipping: what tips also pivots, and no friction would hold it."""
+    together = {limit for conflict in conflicts for limit in conflict}
+    for conflict in conflicts:
+        tips = all(limit.startswith("slip of ") and _as_tipping(limit) in together for limit in conflict)
+        frictions = _candidates(problem, conflict) if tips else ()
+        held = [_trial(problem, candidate, conflict)(1.0) for candidate in frictions if ".friction" in candidate.key]
+        if not tips or any(held):
+            yield conflict
+
+
+def _as_tipping(slip: str) -> str:
+    return slip.replace("slip of ", "tipping of ", 1).replace(" on ", " over ", 1)
 
 
 def _irreducible(problem: TimeScalingProblem, names: list[str]) -> list[str]:
