@@ -20,6 +20,9 @@ MOST_LIMITS = 8
 
 PAGE = "report.html"
 
+FIGURES = ("phase_plane.svg", "contacts.svg", "joints*.svg")
+"""Figures of the page in their order; what binds is a table of it already."""
+
 _COLOURS = {"solved": "green", "infeasible": "yellow"}
 
 _STYLE = """
@@ -149,7 +152,8 @@ def write_page(data: Mapping[str, Any], folder: Path) -> None:
     """Write the summary of a run and the figures in its folder as one page that needs no other file."""
     title = escape(headline(data))
     tables = "".join(f"<h2>{escape(name)}</h2>\n{_table(lines)}" for name, lines in sections(data))
-    figures = "".join(_figure(path) for path in sorted((folder / "figures").glob("*.svg")))
+    paths = [path for pattern in FIGURES for path in sorted((folder / "figures").glob(pattern))]
+    figures = "".join(_figure(path) for path in paths)
     page = (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{title}</title><style>{_STYLE}</style>'
         f"</head>\n<body><h1>{title}</h1>\n<p>{escape(str(data['message']))}</p>\n{tables}{figures}</body></html>\n"

@@ -63,7 +63,7 @@ def test_plan_writes_a_whole_run_folder_and_prints_its_summary(run, tmp_path):
     assert origin["seed"] == 3
     last = (folder / "trajectory.csv").read_text().splitlines()[-1]
     assert float(last.split(",")[0]) == pytest.approx(summary["duration"], abs=1e-12)
-    assert (folder / "report.html").read_text().count("data:image/svg+xml") == 4
+    assert (folder / "report.html").read_text().count("data:image/svg+xml") == 3
 
 
 def test_the_stored_configuration_gives_the_same_plan(run, tmp_path):
