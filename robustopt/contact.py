@@ -1,10 +1,10 @@
 """Contact: which forces can hold an object in place, and which wrench they must transmit.
 
-Everything is expressed in the axes of the tray frame, moments about one point per balanced object. A `ContactSystem` is a set of
-objects whose contact forces must be found together: the required wrenches of its objects, stacked, must lie in
-the cone of its generators. An object on one support is a system of its own, because everything above it loads
-that one interface, and then the cone has explicit facets. A bridge shares its load between its supports, which
-is statically indeterminate, so the bridge and its supports form one system without facets.
+Everything is expressed in the axes of the tray frame, moments about one point per balanced object. A `ContactSystem`
+is a set of objects whose contact forces must be found together: the required wrenches of its objects, stacked, must
+lie in the cone of its generators. An object on one support is a system of its own, because everything above it loads
+that one interface, and then the cone has explicit facets. A bridge shares its load between its supports, which is
+statically indeterminate, so the bridge and its supports form one system without facets.
 """
 
 from __future__ import annotations
@@ -139,7 +139,9 @@ def patch_facets(polygon: Array, mu: float, edges: int) -> Array:
     return facets / np.array([mu, mu, 1.0, size, size, mu * size]) / -facets[:, 2:3]
 
 
-def contact_systems(config: Config, friction: Mapping[str, float], shift: Mapping[str, float]) -> tuple[ContactSystem, ...]:
+def contact_systems(
+    config: Config, friction: Mapping[str, float], shift: Mapping[str, float]
+) -> tuple[ContactSystem, ...]:
     """Contact systems of a scene.
 
     friction: coefficient of friction of the interface under each object
@@ -183,14 +185,18 @@ def _groups(config: Config) -> list[tuple[str, ...]]:
     for name in config.objects:
         if name in determinate:
             continue
-        linked = {name} | {other for other in supports(config.objects[name]) if other in config.objects and other not in determinate}
+        linked = {name} | {
+            other for other in supports(config.objects[name]) if other in config.objects and other not in determinate
+        }
         touching = [group for group in groups if group & linked]
         groups = [group for group in groups if not group & linked] + [linked.union(*touching)]
     indeterminate = [tuple(name for name in config.objects if name in group) for group in groups]
     return [(name,) for name in determinate] + indeterminate
 
 
-def _system(config: Config, group: tuple[str, ...], all_patches: tuple[Patch, ...], friction: Mapping[str, float]) -> ContactSystem:
+def _system(
+    config: Config, group: tuple[str, ...], all_patches: tuple[Patch, ...], friction: Mapping[str, float]
+) -> ContactSystem:
     edges = config.contact.cone_edges
     own = [patch for patch in all_patches if patch.object in group]
     blocks = []

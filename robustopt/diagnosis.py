@@ -54,7 +54,7 @@ class Remedy:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Where a problem has no solution, which limits are in conflict there, and what would help, one change at a time."""
+    """Where a problem has no solution, which limits are in conflict, and what would help, one change at a time."""
 
     point: int
     s: float
@@ -144,7 +144,9 @@ def _remedies(problem: TimeScalingProblem, conflicts: Sequence[tuple[str, ...]])
                 resolved |= set(limits)
 
 
-def _trial(problem: TimeScalingProblem, candidate: _Candidate, limits: tuple[str, ...] | None) -> Callable[[float], bool]:
+def _trial(
+    problem: TimeScalingProblem, candidate: _Candidate, limits: tuple[str, ...] | None
+) -> Callable[[float], bool]:
     """Whether the problem, or some limits of it alone, has a solution with a share of a candidate's change."""
 
     def works(share: float) -> bool:
@@ -173,7 +175,7 @@ def _least_share(works: Callable[[float], bool]) -> float | None:
 
 @dataclass(frozen=True)
 class _Candidate:
-    """A key that may be changed from `found` to `generous`; `write` makes the changes of the configuration for a value."""
+    """A key that may be changed from `found` to `generous`; `write` makes the changes for a value."""
 
     key: str
     found: float
@@ -202,12 +204,16 @@ def _candidates(problem: TimeScalingProblem, conflict: Collection[str]) -> Itera
     uncertain = config.uncertainty
     error = uncertain.joint_acceleration
     if error is not None and error.K > 0 and np.any(np.asarray(error.deviation) > 0):
-        yield _Candidate("uncertainty.joint_acceleration.K", error.K, 0.0, lambda value: {"uncertainty.joint_acceleration.K": value})
+        yield _Candidate(
+            "uncertainty.joint_acceleration.K", error.K, 0.0, lambda value: {"uncertainty.joint_acceleration.K": value}
+        )
     if uncertain.contact_points is not None and touched:
         widths = uncertain.contact_points
         widest = max(widths.values(), default=0.0) if isinstance(widths, dict) else widths
         if widest > 0:
-            yield _Candidate("uncertainty.contact_points, widest", widest, 0.0, lambda value: _with_widths(config, value / widest))
+            yield _Candidate(
+                "uncertainty.contact_points, widest", widest, 0.0, lambda value: _with_widths(config, value / widest)
+            )
     loaded = {body for name in touched for body in carried(config, name)}
     for name, reach in uncertain.center_of_mass.items():
         if name in loaded and max(reach) > 0:
@@ -221,7 +227,14 @@ def _candidates(problem: TimeScalingProblem, conflict: Collection[str]) -> Itera
 def _friction_candidates(config: Config, touched: Collection[str]) -> Iterator[_Candidate]:
     """Friction: the one value of all interfaces, or that of each interface which has its own."""
     point, interval, lowest = config.contact.friction, config.uncertainty.friction, friction(config)
-    own = sorted({key if key in source else "default" for source in (point, interval) if isinstance(source, dict) for key in touched})
+    own = sorted(
+        {
+            key if key in source else "default"
+            for source in (point, interval)
+            if isinstance(source, dict)
+            for key in touched
+        }
+    )
     for name in own or [""]:
         key = ("uncertainty.friction" if interval is not None else "contact.friction") + (f".{name}" if name else "")
         now = min(lowest[other] for other in (touched if name in ("", "default") else [name])) if touched else 0.0
@@ -230,7 +243,7 @@ def _friction_candidates(config: Config, touched: Collection[str]) -> Iterator[_
 
 
 def _with_friction(config: Config, name: str, value: float) -> dict[str, Any]:
-    """Changes that raise the friction under `name` (empty for all) to at least `value`, interval and point value alike."""
+    """Changes that raise the friction under `name` (empty: all) to at least `value`, interval and point value alike."""
     point, interval = config.contact.friction, config.uncertainty.friction
 
     def lifted(source: Any, raise_it: Callable[[Any], Any]) -> Any:

@@ -29,6 +29,9 @@ MAX_VERTICES = 96
 TOLERANCE = 1e-10
 """Largest violation of a row, relative to the limit, that a vertex of a polygon may keep: ten times rounding error."""
 
+EDGE_LENGTH = 1e-9
+"""Edges of a feasible polygon shorter than this part of the polygon are rounding errors, not rows."""
+
 NO_NAME = -1
 """Name index of the edges x >= 0 and of the bounds that a polygon starts from."""
 
@@ -78,9 +81,12 @@ class Loads:
     def at(self, points: Array) -> Loads:
         """The loads at some of the grid points."""
         return replace(
-            self, nominal=self.nominal[points], terms=self.terms[points],
-            constant=self.constant[points], remainder=self.remainder[points],
-        )  # fmt: skip
+            self,
+            nominal=self.nominal[points],
+            terms=self.terms[points],
+            constant=self.constant[points],
+            remainder=self.remainder[points],
+        )
 
 
 def start(u_bound: Array, x_max: Array, velocity_name: Array) -> Polygons:
@@ -116,17 +122,31 @@ def cut_family(polygons: Polygons, B: Array, loads: Loads, base: Array, base_ter
     if not len(names):
         return
     finished = _cut_family(
-        polygons.vertices, polygons.rows, polygons.names, polygons.count, np.ascontiguousarray(B if B.ndim == 3 else B[None]),
-        loads.nominal, loads.terms, loads.group, loads.constant, loads.constant_group, loads.remainder, loads.remainder_group,
-        loads.lowest, loads.highest, base, base_terms, names,
-    )  # fmt: skip
+        polygons.vertices,
+        polygons.rows,
+        polygons.names,
+        polygons.count,
+        np.ascontiguousarray(B if B.ndim == 3 else B[None]),
+        loads.nominal,
+        loads.terms,
+        loads.group,
+        loads.constant,
+        loads.constant_group,
+        loads.remainder,
+        loads.remainder_group,
+        loads.lowest,
+        loads.highest,
+        base,
+        base_terms,
+        names,
+    )
     if not finished:
         raise SolverFailed(f"a feasible polygon at a grid point has more than {MAX_VERTICES} edges")
 
 
 @nb.njit(cache=True)
-def _clip(V, R, L, valid, n, a, b, c, name, V2, R2, L2, valid2):  # type: ignore[no-untyped-def]
-    """Keep the part of a polygon with a u + b x + c <= 0; the new edge takes the row's name. Returns the vertex count."""
+def _clip(V, R, L, valid, n, a, b, c, name, V2, R2, L2, valid2):
+    """Keep the part of a polygon with a u + b x + c <= 0; the new edge takes the row's name. Returns the count."""
     m = 0
     before = a * V[n - 1, 0] + b * V[n - 1, 1] + c
     for k in range(n):
@@ -160,7 +180,7 @@ def _clip(V, R, L, valid, n, a, b, c, name, V2, R2, L2, valid2):  # type: ignore
 
 
 @nb.njit(cache=True)
-def _cut_affine(vertices, edge_rows, edge_names, count, rows, names):  # type: ignore[no-untyped-def]
+def _cut_affine(vertices, edge_rows, edge_names, count, rows, names):
     V2 = np.empty((MAX_VERTICES, 2))
     R2 = np.empty((MAX_VERTICES, 3))
     L2 = np.empty(MAX_VERTICES, np.int64)
@@ -171,13 +191,26 @@ def _cut_affine(vertices, edge_rows, edge_names, count, rows, names):  # type: i
         for f in range(rows.shape[1]):
             if n < 3:
                 break
-            n = _clip(vertices[i], edge_rows[i], edge_names[i], valid, n, rows[i, f, 0], rows[i, f, 1], rows[i, f, 2],
-                      names[f], V2, R2, L2, valid2)  # fmt: skip
+            n = _clip(
+                vertices[i],
+                edge_rows[i],
+                edge_names[i],
+                valid,
+                n,
+                rows[i, f, 0],
+                rows[i, f, 1],
+                rows[i, f, 2],
+                names[f],
+                V2,
+                R2,
+                L2,
+                valid2,
+            )
         count[i] = n if n >= 3 else 0
 
 
 @nb.njit(cache=True)
-def _wrenches(coefficients, u, x, out):  # type: ignore[no-untyped-def]
+def _wrenches(coefficients, u, x, out):
     """out[k] = coefficients (d, n, 3) at (u, x), shape (n, d)."""
     for k in range(coefficients.shape[1]):
         for j in range(coefficients.shape[0]):
@@ -185,7 +218,7 @@ def _wrenches(coefficients, u, x, out):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True)
-def _add_products(columns, wrench, out):  # type: ignore[no-untyped-def]
+def _add_products(columns, wrench, out):
     """out += B wrench for the columns (d, F) of B; the inner loop runs over the rows, which the compiler vectorises."""
     for j in range(len(wrench)):
         weight = wrench[j]
@@ -195,7 +228,7 @@ def _add_products(columns, wrench, out):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True)
-def _add_sizes(columns, wrench, products, out):  # type: ignore[no-untyped-def]
+def _add_sizes(columns, wrench, products, out):
     """out += |B wrench + products|; products is overwritten."""
     _add_products(columns, wrench, products)
     for f in range(len(out)):
@@ -204,8 +237,26 @@ def _add_sizes(columns, wrench, products, out):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True)
-def _row(f, rows, base, own, nominal, terms, group, constant, constant_group, remainder, remainder_group, lowest, highest,
-         swings, remains, u, x, sums):  # type: ignore[no-untyped-def]  # fmt: skip
+def _row(
+    f,
+    rows,
+    base,
+    own,
+    nominal,
+    terms,
+    group,
+    constant,
+    constant_group,
+    remainder,
+    remainder_group,
+    lowest,
+    highest,
+    swings,
+    remains,
+    u,
+    x,
+    sums,
+):
     """Affine piece (a, b, c) of a row that is active at (u, x): its value there is a u + b x + c."""
     G, d = len(lowest), rows.shape[1]
     sums[:] = 0.0
@@ -242,8 +293,25 @@ def _row(f, rows, base, own, nominal, terms, group, constant, constant_group, re
 
 
 @nb.njit(cache=True)
-def _cut_family(vertices, edge_rows, edge_names, count, B, nominal, terms, group, constant, constant_group, remainder,
-                remainder_group, lowest, highest, base, base_terms, names):  # type: ignore[no-untyped-def]  # fmt: skip
+def _cut_family(
+    vertices,
+    edge_rows,
+    edge_names,
+    count,
+    B,
+    nominal,
+    terms,
+    group,
+    constant,
+    constant_group,
+    remainder,
+    remainder_group,
+    lowest,
+    highest,
+    base,
+    base_terms,
+    names,
+):
     """Cut each polygon until no vertex violates a row. False where a polygon grew beyond MAX_VERTICES."""
     F, d, G = B.shape[1], B.shape[2], len(lowest)
     V2, R2 = np.empty((MAX_VERTICES, 2)), np.empty((MAX_VERTICES, 3))
@@ -311,8 +379,25 @@ def _cut_family(vertices, edge_rows, edge_names, count, B, nominal, terms, group
                 valid[vertex] = True
                 continue
             a, b, c = _row(
-                worst, rows, own_base, own_terms, nominal[i], terms[i], group, constant[i], constant_group, remainder[i],
-                remainder_group, lowest, highest, swings, remains, u, x, sums)  # fmt: skip
+                worst,
+                rows,
+                own_base,
+                own_terms,
+                nominal[i],
+                terms[i],
+                group,
+                constant[i],
+                constant_group,
+                remainder[i],
+                remainder_group,
+                lowest,
+                highest,
+                swings,
+                remains,
+                u,
+                x,
+                sums,
+            )
             n = _clip(vertices[i], edge_rows[i], edge_names[i], valid, n, a, b, c, names[worst], V2, R2, L2, valid2)
             if n < 3:
                 n, finished = 0, True
@@ -323,3 +408,30 @@ def _cut_family(vertices, edge_rows, edge_names, count, B, nominal, terms, group
             return False
         count[i] = n
     return True
+
+
+@nb.njit(cache=True)
+def edge_slots(vertices, edge_names, count, joints, names):
+    """Number of each edge among the edges of its name at its grid point; -1 for what is no row, (P, V).
+
+    Names below `joints` are those of velocity bounds, which are no rows.
+    """
+    slots = np.full(edge_names.shape, -1)
+    used = np.zeros(names, np.int64)
+    for i in range(len(count)):
+        used[:] = 0
+        n = count[i]
+        width_u, width_x = 0.0, 0.0
+        for k in range(n):
+            width_u = max(width_u, abs(vertices[i, k, 0] - vertices[i, 0, 0]))
+            width_x = max(width_x, abs(vertices[i, k, 1] - vertices[i, 0, 1]))
+        for k in range(n):
+            name = edge_names[i, k]
+            after = k + 1 if k + 1 < n else 0
+            du = abs(vertices[i, after, 0] - vertices[i, k, 0])
+            dx = abs(vertices[i, after, 1] - vertices[i, k, 1])
+            if name < joints or (du <= EDGE_LENGTH * width_u and dx <= EDGE_LENGTH * width_x):
+                continue
+            slots[i, k] = used[name]
+            used[name] += 1
+    return slots

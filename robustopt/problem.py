@@ -10,13 +10,12 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 
-import numba as nb
 import numpy as np
 
 from robustopt.config import Config
 from robustopt.contact import contact_systems
 from robustopt.path import Path, build_path
-from robustopt.polygons import Polygons, cut_affine, cut_family, start
+from robustopt.polygons import Polygons, cut_affine, cut_family, edge_slots, start
 from robustopt.robot import Robot, load_robot
 from robustopt.rows import (
     ContactFamily,
@@ -32,13 +31,10 @@ from robustopt.uncertainty import acceleration_error, bodies, contact_shift, fri
 Array = np.ndarray
 
 REST_REFINEMENT = 0.6
-"""Share of cosine spacing in the grid of a piece, the rest is uniform: finer towards rest, where sd grows like sqrt(s)."""
+"""Share of cosine spacing in the grid of a piece, the rest is uniform: finer towards rest, where sd is like sqrt(s)."""
 
 STANDARD_GRAVITY = 9.81
 """Turns a mass into the weight that contact rows are a fraction of, whatever the configured gravity [m/s^2]."""
-
-EDGE_LENGTH = 1e-9
-"""Edges of a feasible polygon shorter than this part of the polygon are rounding errors, not rows."""
 
 
 def gridpoints(path: Path, intervals: int) -> tuple[Array, Array]:
@@ -139,7 +135,7 @@ class TimeScalingProblem:
         return np.array([self.kept is None or self.limits.names[k] in self.kept for k in index], dtype=bool)
 
     def torque_excess(self, u: Array, x: Array, points: Array) -> float:
-        """Largest part of a torque limit by which the exact torque exceeds it anywhere, for any value of the parameters.
+        """Largest part of a torque limit by which the exact torque exceeds it, for any value of the parameters.
 
         u, x: (M,); points: (M,) grid point of each
         """
@@ -228,7 +224,9 @@ def _outline(motion: PathMotion, robot: Robot, middle: Array, x_max: Array, fast
     rate = np.abs(motion.q1) / limit
     lead = np.argmax(rate, axis=1)
     row = np.arange(len(x_max))
-    reach = (1.0 + (np.abs(middle) / limit)[lead] + np.abs(motion.q2[row, lead]) / limit[lead] * x_max) / rate[row, lead]
+    reach = (1.0 + (np.abs(middle) / limit)[lead] + np.abs(motion.q2[row, lead]) / limit[lead] * x_max) / rate[
+        row, lead
+    ]
     return start(2.0 * reach, x_max, fastest)
 
 
@@ -260,7 +258,14 @@ def _with_rows(
     used = counts[2 * n + joint_names]
     torque = limits.torque
     base = torque.base_at(reference, limits.x_max)
-    cut_family(polygons, torque.B[:, used], torque.loads, base[:, used], torque.base_terms[:, used], (2 * n + joint_names)[used])
+    cut_family(
+        polygons,
+        torque.B[:, used],
+        torque.loads,
+        base[:, used],
+        torque.base_terms[:, used],
+        (2 * n + joint_names)[used],
+    )
     a, b, c, columns = _columns(polygons, n, len(limits.names))
     return replace(
         problem, a=a, b=b, c=c, row_names=tuple(limits.names[k] for k in columns), feasible=polygons.count > 0,
@@ -270,7 +275,7 @@ def _with_rows(
 
 def _columns(polygons: Polygons, joints: int, names: int) -> tuple[Array, Array, Array, list[int]]:
     """Edges of the polygons as rows; the columns of one name are as many as one grid point needs at most."""
-    slots = _slots(polygons.vertices, polygons.names, polygons.count, joints, names)
+    slots = edge_slots(polygons.vertices, polygons.names, polygons.count, joints, names)
     point, edge = np.nonzero(slots >= 0)
     name = polygons.names[point, edge]
     width = np.zeros(names, dtype=np.int64)
@@ -281,27 +286,3 @@ def _columns(polygons: Polygons, joints: int, names: int) -> tuple[Array, Array,
     rows[point, first[name] + slots[point, edge]] = polygons.rows[point, edge]
     columns = [k for k in range(names) for _ in range(width[k])]
     return rows[:, :, 0].copy(), rows[:, :, 1].copy(), rows[:, :, 2].copy(), columns
-
-
-@nb.njit(cache=True)
-def _slots(vertices: Array, edge_names: Array, count: Array, joints: int, names: int) -> Array:
-    """Number of each edge among the edges of its name at its grid point; -1 for what is no row, (P, V)."""
-    slots = np.full(edge_names.shape, -1)
-    used = np.zeros(names, np.int64)
-    for i in range(len(count)):
-        used[:] = 0
-        n = count[i]
-        width_u, width_x = 0.0, 0.0
-        for k in range(n):
-            width_u = max(width_u, abs(vertices[i, k, 0] - vertices[i, 0, 0]))
-            width_x = max(width_x, abs(vertices[i, k, 1] - vertices[i, 0, 1]))
-        for k in range(n):
-            name = edge_names[i, k]
-            after = k + 1 if k + 1 < n else 0
-            du = abs(vertices[i, after, 0] - vertices[i, k, 0])
-            dx = abs(vertices[i, after, 1] - vertices[i, k, 1])
-            if name < joints or (du <= EDGE_LENGTH * width_u and dx <= EDGE_LENGTH * width_x):
-                continue
-            slots[i, k] = used[name]
-            used[name] += 1
-    return slots

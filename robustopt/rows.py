@@ -1,10 +1,10 @@
 """Row families: what each limit demands of (u, x) at every grid point, with all uncertain parameters still open.
 
 Joint acceleration is affine in (u, x). Contact and joint torque are families over the wrenches of the bodies, which
-the polygons cut with (see `polygons`). Joint torque has a viscous part D q' sqrt(x), which is replaced by its tangent at
-a reference x_r, D q' (sqrt(x_r) / 2 + x / (2 sqrt(x_r))). Where friction hurts, the tangent is an upper bound of a
-concave function, hence sound; where it helps, it is not, so a plan counts as solved only once its exact torque has been
-checked. Both are exact at x_r, and the reference follows the plan until they agree. Without a reference the chord over
+the polygons cut with (see `polygons`). Joint torque has a viscous part D q' sqrt(x), which is replaced by its tangent
+at a reference x_r, D q' (sqrt(x_r) / 2 + x / (2 sqrt(x_r))). Where friction hurts, the tangent is an upper bound of a
+concave function, hence sound; where it helps, it is not, so a plan counts as solved only once its exact torque has
+been checked. Both are exact at x_r, and the reference follows the plan until they agree. Without a reference the chord over
 [0, x_top] stands in: a first guess, which is final where no torque comes near its limit.
 """
 
@@ -23,7 +23,7 @@ from robustopt.uncertainty import Body, regressor, spin_regressor
 Array = np.ndarray
 
 DIRECTION_TOLERANCE = 1e-9
-"""A joint that turns by less than this part of the fastest joint's rate counts as at rest: dry friction takes both signs."""
+"""A joint slower than this part of the fastest joint's rate counts as at rest: dry friction takes both signs."""
 
 
 @dataclass(frozen=True)
@@ -172,7 +172,9 @@ class TorqueFamily:
         base = self.base.copy()
         root = np.sqrt(np.where(reference > 0, reference, np.nan))[:, None]
         tangent, chord = np.isfinite(root), np.isnan(reference)[:, None]
-        base[:, :, 1] += np.where(tangent, self.viscous / (2 * root), np.where(chord, self.viscous / np.sqrt(x_top)[:, None], 0.0))
+        base[:, :, 1] += np.where(
+            tangent, self.viscous / (2 * root), np.where(chord, self.viscous / np.sqrt(x_top)[:, None], 0.0)
+        )
         base[:, :, 2] += np.where(tangent, self.viscous * root / 2, 0.0)
         return base
 
@@ -186,7 +188,7 @@ class TorqueFamily:
         return 0.5 * (rows[:, joint] - rows[:, n + joint]), self.viscous[:, joint]
 
     def excess(self, u: Array, x: Array, points: Array) -> Array:
-        """Largest torque over all uncertain parameters, as a fraction of the limit, minus 1, with the exact viscous part.
+        """Largest torque over all uncertain parameters, as a fraction of the limit, minus 1; exact viscous part.
 
         u, x: (M,); points: (M,) grid point of each; returns (M, 2n)
         """
@@ -194,11 +196,15 @@ class TorqueFamily:
         return affine + self.viscous[points] * np.sqrt(np.maximum(x, 0.0))[:, None]
 
 
+def both(array: Array) -> Array:
+    """The values of all joints (P, n, ...) for the rows of +tau, then for those of -tau, (P, 2n, ...)."""
+    return np.concatenate([array, array], axis=1)
+
+
 def torque_family(motion: PathMotion, limits: JointLimits, loads: Loads, middle: Array, radius: Array) -> TorqueFamily:
     points, joints = motion.q1.shape
     arm, limit = motion.arm, np.r_[limits.torque, limits.torque]
     sign = np.r_[np.ones(joints), -np.ones(joints)]
-    both = lambda array: np.concatenate([array, array], axis=1)  # noqa: E731
     B = both(np.swapaxes(arm.jacobian, 1, 2)) * (sign / limit)[:, None]
     moving = np.abs(motion.q1) > DIRECTION_TOLERANCE * np.abs(motion.q1).max(axis=1, keepdims=True)
     direction = np.where(_changes_sign(motion.q1) | ~moving, np.nan, np.sign(motion.q1))

@@ -27,7 +27,7 @@ INERTIA_TERMS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """The tray or an object, fixed to the tray; inertial parameters per unit of mass, about the tray's origin, tray frame.
+    """The tray or an object on it; inertial parameters per unit of mass, about the tray's origin, tray frame.
 
     mass: (lowest, highest) mass [kg]
     psi: m r and I_o of a unit mass in front of them, (1, r, I_o / m), shape (10,)
@@ -76,7 +76,7 @@ def contact_shift(config: Config) -> dict[str, float]:
 
 
 def acceleration_error(config: Config, joints: int) -> tuple[Array, Array]:
-    """Middle and half-width of the interval of the joint acceleration error, U and K D (paper eq. 9), (n,) [rad/s^2]."""
+    """Middle and half-width of the interval of joint acceleration error, U and K D (paper eq. 9), (n,) [rad/s^2]."""
     error = config.uncertainty.joint_acceleration
     if error is None:
         return np.zeros(joints), np.zeros(joints)
@@ -114,7 +114,7 @@ def _linear(arm: Array, step: Array) -> Array:
 
 
 def _square(first: Array, second: Array) -> Array:
-    """Second-order term of -skew(r)^2 in two displacements; a square zeta^2 in [0, 1] is a half plus or minus a half."""
+    """Second-order term of -skew(r)^2 in two displacements; a square in [0, 1] is a half plus or minus a half."""
     if first is second or np.array_equal(first, second):
         return _parameters(0.0, np.zeros(3), -skew(first) @ skew(first))
     return _parameters(0.0, np.zeros(3), -(skew(first) @ skew(second) + skew(second) @ skew(first)))
@@ -128,7 +128,8 @@ def inertia_matrix(item: TrayConfig | ObjectConfig) -> Array:
             matrix[i, j] = matrix[j, i] = value
         return matrix
     if isinstance(item, ObjectConfig) and item.shape == "cylinder":
-        assert item.radius is not None and item.height is not None
+        assert item.radius is not None
+        assert item.height is not None
         side = (3 * item.radius**2 + item.height**2) / 12
         return item.mass * np.diag([side, side, item.radius**2 / 2])
     assert item.size is not None

@@ -39,7 +39,9 @@ def solve(problem: TimeScalingProblem, method: str | None = None) -> Plan:
     began = time.perf_counter()
     method = method or problem.config.solver.method
     if method == "reachability" and problem.config.solver.cost != "time" and problem.config.solver.weight > 0:
-        return failed_plan(problem, Status.FAILED, method, "reachability minimises time only; use solver.method: ipopt", -1, {})
+        return failed_plan(
+            problem, Status.FAILED, method, "reachability minimises time only; use solver.method: ipopt", -1, {}
+        )
     at_rest = standstill(problem)
     if at_rest >= 0:
         return failed_plan(problem, Status.INFEASIBLE, method, Status.INFEASIBLE.sentence, at_rest, {})
@@ -64,7 +66,9 @@ def solve(problem: TimeScalingProblem, method: str | None = None) -> Plan:
                 break
             plan = _outer(plan.problem.with_reference(RETREAT * plan.problem.reference), method, None)
     else:
-        plan = failed_plan(plan.problem, Status.ITERATION_LIMIT, method, Status.ITERATION_LIMIT.sentence, -1, plan.statistics)
+        plan = failed_plan(
+            plan.problem, Status.ITERATION_LIMIT, method, Status.ITERATION_LIMIT.sentence, -1, plan.statistics
+        )
     figures["solve_seconds"] = time.perf_counter() - began
     return replace(plan, statistics={**plan.statistics, **figures})
 

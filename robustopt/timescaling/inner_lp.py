@@ -60,7 +60,9 @@ class ForceProgram:
         return float(dual @ wrench), dual
 
 
-def missing_rows(family: ContactFamily, program: ForceProgram, known: Array, points: Array, u: Array, x: Array) -> tuple[Array, float, int]:
+def missing_rows(
+    family: ContactFamily, program: ForceProgram, known: Array, points: Array, u: Array, x: Array
+) -> tuple[Array, float, int]:
     """Rows that a timing violates for some value of the parameters, (F, d), the worst violation, and programs solved.
 
     known: rows (K, d) that the outer program has; they say which parameters are worst to begin with

@@ -31,10 +31,15 @@ TO_BOUNDARY = 0.95
 
 
 @nb.njit(cache=True)
-def _rows(a, b, c, x_max, ds):  # type: ignore[no-untyped-def]
+def _rows(a, b, c, x_max, ds):
     """Rows G1 x_i + G2 x_{i+1} + h <= 0 of the intervals, and of the bounds of x, with the index i of each."""
     P, m = a.shape
-    G1, G2, h, at = np.empty(2 * P * m + P), np.empty(2 * P * m + P), np.empty(2 * P * m + P), np.empty(2 * P * m + P, np.int64)
+    G1, G2, h, at = (
+        np.empty(2 * P * m + P),
+        np.empty(2 * P * m + P),
+        np.empty(2 * P * m + P),
+        np.empty(2 * P * m + P, np.int64),
+    )
     n = 0
     for i in range(P - 1):
         if ds[i] == 0.0:
@@ -58,7 +63,7 @@ def _rows(a, b, c, x_max, ds):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True)
-def _derivatives(x, ds, gradient, diagonal, off):  # type: ignore[no-untyped-def]
+def _derivatives(x, ds, gradient, diagonal, off):
     """Gradient and tridiagonal Hessian of the duration. Returns the duration."""
     P = len(x)
     gradient[:], diagonal[:], off[:] = 0.0, 0.0, 0.0
@@ -82,7 +87,7 @@ def _derivatives(x, ds, gradient, diagonal, off):  # type: ignore[no-untyped-def
 
 
 @nb.njit(cache=True)
-def _solve_tridiagonal(diagonal, off, right, free, work, out):  # type: ignore[no-untyped-def]
+def _solve_tridiagonal(diagonal, off, right, free, work, out):
     """Symmetric tridiagonal system over the free entries; the others stay 0."""
     P = len(right)
     for i in range(P):
@@ -102,7 +107,7 @@ def _solve_tridiagonal(diagonal, off, right, free, work, out):  # type: ignore[n
 
 
 @nb.njit(cache=True)
-def _slacks(G1, G2, h, at, x, slack):  # type: ignore[no-untyped-def]
+def _slacks(G1, G2, h, at, x, slack):
     """slack = -(G x + h); returns its smallest entry."""
     least = np.inf
     for k in range(len(at)):
@@ -112,7 +117,7 @@ def _slacks(G1, G2, h, at, x, slack):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True)
-def _barrier(x, ds, slack, weight):  # type: ignore[no-untyped-def]
+def _barrier(x, ds, slack, weight):
     """weight * duration - sum log slack."""
     value = 0.0
     for i in range(len(ds)):
@@ -124,7 +129,7 @@ def _barrier(x, ds, slack, weight):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True)
-def polish(a, b, c, x_max, ds, feasible):  # type: ignore[no-untyped-def]
+def polish(a, b, c, x_max, ds, feasible):
     """Minimum-time x (P,) on the rows from a feasible one, and the bound of its distance to the optimum [s].
 
     Where no timing has slack in every row, the feasible one comes back with an infinite bound.
@@ -165,9 +170,10 @@ def polish(a, b, c, x_max, ds, feasible):  # type: ignore[no-untyped-def]
                 step = min(step, TO_BOUNDARY * slack[k] / closing)
         value = _barrier(x, ds, slack, weight)
         while step > 1e-12:
-            if _slacks(G1, G2, h, at, x + step * dx, trial) > 0.0:
-                if _barrier(x + step * dx, ds, trial, weight) <= value - 0.01 * step * decrement + 1e-12 * abs(value):
-                    break
+            enough = value - 0.01 * step * decrement + 1e-12 * abs(value)
+            inside = _slacks(G1, G2, h, at, x + step * dx, trial) > 0.0
+            if inside and _barrier(x + step * dx, ds, trial, weight) <= enough:
+                break
             step *= 0.5
         x += step * dx
         _slacks(G1, G2, h, at, x, slack)

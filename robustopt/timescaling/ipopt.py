@@ -98,7 +98,9 @@ def _rows(problem: TimeScalingProblem, free: Array) -> tuple[sparse.csc_matrix, 
     count = len(interval)
     entries = np.r_[first[keep], second[keep]]
     columns = np.r_[moving[interval], moving[interval] + 1]
-    matrix = sparse.csc_matrix((entries, (np.r_[np.arange(count), np.arange(count)], columns)), shape=(count, len(problem.s)))
+    matrix = sparse.csc_matrix(
+        (entries, (np.r_[np.arange(count), np.arange(count)], columns)), shape=(count, len(problem.s))
+    )
     return matrix[:, free].tocsc(), limit[keep]
 
 
@@ -124,7 +126,9 @@ def _objective(problem: TimeScalingProblem, x: ca.MX, root: ca.MX, cost: str) ->
     return ca.sum1(dt * (1 + weight * penalty))
 
 
-def _relative(problem: TimeScalingProblem, cost: str, points: Array, joint: int, u: ca.MX, x: ca.MX, root: ca.MX) -> ca.MX:
+def _relative(
+    problem: TimeScalingProblem, cost: str, points: Array, joint: int, u: ca.MX, x: ca.MX, root: ca.MX
+) -> ca.MX:
     """Torque or acceleration of a joint at grid points, as a fraction of its limit."""
     if cost == "smoothness":
         motion, limit = problem.limits.motion, problem.robot.limits.acceleration[joint]

@@ -53,7 +53,7 @@ def _stuck(problem: TimeScalingProblem, point: int, began: float) -> Plan:
 
 
 @nb.njit(cache=True)
-def _gather(a, b, c, i, step, A, B, C, m):  # type: ignore[no-untyped-def]
+def _gather(a, b, c, i, step, A, B, C, m):
     """Append the rows of a grid point that are not padding, with u replaced by what it means `step` further on."""
     for k in range(a.shape[1]):
         if a[i, k] != 0.0 or b[i, k] != 0.0:
@@ -68,7 +68,7 @@ def _gather(a, b, c, i, step, A, B, C, m):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True)
-def _extreme_x(A, B, C, m, x_max, sign):  # type: ignore[no-untyped-def]
+def _extreme_x(A, B, C, m, x_max, sign):
     """Largest (sign 1) or smallest (sign -1) x in [0, x_max] with A u + B x + C <= 0 for some u; nan if there is none.
 
     Incremental linear programming in two variables (Seidel): a violated row moves the optimum onto its line.
@@ -115,7 +115,7 @@ def _extreme_x(A, B, C, m, x_max, sign):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True)
-def _holds_at_rest(A, C, m):  # type: ignore[no-untyped-def]
+def _holds_at_rest(A, C, m):
     """Whether some u satisfies A u + C <= 0: then the smallest x is 0, nearly always."""
     low, high = -np.inf, np.inf
     for k in range(m):
@@ -129,7 +129,7 @@ def _holds_at_rest(A, C, m):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True)
-def passes(a, b, c, x_max, ds):  # type: ignore[no-untyped-def]
+def passes(a, b, c, x_max, ds):
     """Backward and forward pass. Returns x (P,), an upper bound of every feasible x (P,), and the grid point where no
     choice is left or the robot cannot move on, or -1."""
     P, m = a.shape
@@ -174,7 +174,7 @@ def passes(a, b, c, x_max, ds):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True)
-def _largest_next(A, B, C, n, step, low, high, most):  # type: ignore[no-untyped-def]
+def _largest_next(A, B, C, n, step, low, high, most):
     """Largest x + step u <= most with low <= x <= high and A u + B x + C <= 0: the rows in (u, x + step u)."""
     for k in range(n):
         A[k] -= step * B[k]
