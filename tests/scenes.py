@@ -1,4 +1,4 @@
-"""Small tasks for the tests: a tray on one or two slides, a lift or a turntable, and the shipped waiter configurations."""
+"""Small tasks for the tests: a tray on one or two slides, a lift or a turntable, and the shipped waiter tasks."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def duration(config: Config, method: str | None = None) -> float:
 
 
 def bang_bang(length: float, speeding: float, braking: float | None = None) -> float:
-    """Shortest time over a length with bounded acceleration and braking [s]: v^2 = 2 a s on both sides of the switch."""
+    """Shortest time over a length with bounded acceleration and braking [s]: v^2 = 2 a s on both sides."""
     braking = speeding if braking is None else braking
     fastest = np.sqrt(2 * length * speeding * braking / (speeding + braking))
     return float(fastest / speeding + fastest / braking)
