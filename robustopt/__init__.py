@@ -6,6 +6,7 @@
     problem = ro.build_problem(config)
     plan = ro.solve(problem)
     certificate = ro.certify(config, plan)
+    executions = ro.execute(config, plan, trials=100)
 
 Names are imported when they are first used, so that importing the package is quick.
 """
@@ -23,6 +24,8 @@ _HOMES = {
     "Plan": "robustopt.timescaling",
     "Status": "robustopt.timescaling",
     "certify": "robustopt.certificate",
+    "execute": "robustopt.execution",
+    "Executions": "robustopt.execution",
     "Trajectory": "robustopt.trajectory",
     "RobustOptError": "robustopt.errors",
 }

@@ -6,6 +6,7 @@ RobustOptError
 │   └── PathError          the path is unreachable, leaves a limit, jumps or collides
 ├── ProblemInfeasible      no timing of the path satisfies the limits (exit code 3)
 ├── SolverFailed           a solver stopped without an answer, or its plan failed the certificate (exit code 4)
+├── SimulationFailed       a plan cannot be simulated, or its simulation fails in every trial (exit code 5)
 └── RunFolderError         a run folder cannot be written or read (exit code 2)
 
 Expected outcomes (infeasible, iteration limit) are statuses of a `Plan`; the last three of the tree are
@@ -68,6 +69,12 @@ class SolverFailed(RobustOptError):
     """A solver stopped without an answer, or its plan failed the certificate."""
 
     exit_code = 4
+
+
+class SimulationFailed(RobustOptError):
+    """A plan cannot be simulated, or its simulation fails in every trial."""
+
+    exit_code = 5
 
 
 class RunFolderError(RobustOptError):

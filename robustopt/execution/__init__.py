@@ -1,0 +1,11 @@
+"""Execution of plans in simulation: Monte Carlo trials in a world that the planner does not know.
+
+`execute` builds the world of `execution.truth` in MuJoCo, has a joint controller follow the planned trajectory under
+random disturbances, and says what became of every object in every trial.
+"""
+
+from robustopt.execution.execute import Executions, execute
+from robustopt.execution.feedback import Feedback
+from robustopt.execution.outcome import ObjectOutcome, Status, TrialOutcome
+
+__all__ = ["Executions", "Feedback", "ObjectOutcome", "Status", "TrialOutcome", "execute"]

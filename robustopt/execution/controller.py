@@ -1,0 +1,138 @@
+"""Joint controller: PID with gravity compensation, optionally with the torque of the planned motion fed forward.
+
+The controller runs inside MuJoCo as one `pid` actuator per joint, with the planned position and velocity as inputs.
+Gravity compensation of arm and tray counts as torque of the drives, and the drives' limit holds for the sum.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from robustopt.config_model import Config
+from robustopt.errors import ConfigError
+from robustopt.robot import Robot
+from robustopt.robot_model import load_model
+from robustopt.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from robustopt.execution.scene import Layout
+
+Array = NDArray[np.float64]
+
+BANDWIDTH = 50.0
+"""Natural frequency of the default gains [rad/s], about that of the first joint of the shipped robot (our choice)."""
+
+_INPUTS = mujoco.mjtCtrlInput
+POSITION_VELOCITY = int(_INPUTS.mjINPUT_POS) | int(_INPUTS.mjINPUT_VEL)
+WITH_TORQUE = POSITION_VELOCITY | int(_INPUTS.mjINPUT_FF)
+
+
+@dataclass(frozen=True)
+class Gains:
+    """Gains of the joint controllers, (n,) each, and which inputs they take (MuJoCo's mjtCtrlInput bits)."""
+
+    kp: Array
+    ki: Array
+    kd: Array
+    inputs: int
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What the controller is told, one row per time step; t = 0 is the start of the motion.
+
+    t, s: (N,) [s], [1]; q, qd: (N, n) planned at the start of each step; qdd: (N, n) planned in its middle;
+    moving: (N,) whether the step is part of the motion
+    """
+
+    t: Array
+    s: Array
+    q: Array
+    qd: Array
+    qdd: Array
+    moving: NDArray[np.bool_]
+
+
+def gains_of(config: Config, robot: Robot, q: Array) -> Gains:
+    """Gains from the configuration, else from the `pid` actuators of the model file, else from the joint's inertia.
+
+    Default of a joint with inertia I, the largest of arm and load at the joint positions q (P, n), and bandwidth w:
+    kp = I w^2, kd = 2 I w, ki = 0 (critical damping).
+    """
+    assert config.execution is not None
+    given = config.execution.controller
+    names = robot.joint_names
+    of_model = _model_gains(config)
+    inertia = _largest_inertia(config, robot, q)
+    derived = {"kp": inertia * BANDWIDTH**2, "ki": np.zeros(robot.n), "kd": 2 * inertia * BANDWIDTH}
+    values = {}
+    for kind, key in (("kp", given.kp), ("ki", given.ki), ("kd", given.kd)):
+        values[kind] = np.array([of_model.get(name, {}).get(kind, derived[kind][i]) for i, name in enumerate(names)])
+        if key is not None:
+            values[kind] = _per_joint(key, names, f"execution.controller.{kind}")
+    inputs = WITH_TORQUE if given.feedforward == "computed_torque" else POSITION_VELOCITY
+    return Gains(**values, inputs=inputs)
+
+
+def reference(trajectory: Trajectory, timestep: float, hold: tuple[float, float]) -> Reference:
+    """The trajectory at every time step, between the times the robot stands still."""
+    steps = int(np.ceil((hold[0] + trajectory.duration + hold[1]) / timestep - 1e-6))
+    t = np.arange(steps, dtype=np.float64) * timestep - hold[0]
+    start, middle = trajectory.sample(t), trajectory.sample(t + timestep / 2)
+    moving = (middle.t > 0) & (middle.t < trajectory.duration)
+    return Reference(t, start.s, start.q, start.qd, middle.qdd, moving)
+
+
+def controls(model: mujoco.MjModel, layout: Layout, planned: Reference, torque: Array | None) -> Array:
+    """Control inputs at every time step, (N, nu); torque: (N, n) fed forward, or None."""
+    inputs = np.zeros((len(planned.t), model.nu))
+    inputs[:, layout.control] = planned.q
+    inputs[:, layout.control + 1] = planned.qd
+    if torque is not None:
+        inputs[:, layout.control + 2] = torque
+    return inputs
+
+
+def computed_torque(rigid: mujoco.MjModel, planned: Reference) -> Array:
+    """Torque of the planned motion beyond gravity compensation, (N, n): inverse dynamics of arm and believed load."""
+    data = mujoco.MjData(rigid)
+    torque = np.zeros_like(planned.q)
+    for i in range(len(planned.t)):
+        data.qpos[:], data.qvel[:], data.qacc[:] = planned.q[i], planned.qd[i], planned.qdd[i]
+        mujoco.mj_inverse(rigid, data)
+        torque[i] = data.qfrc_inverse
+    return torque
+
+
+def _per_joint(values: float | tuple[float, ...], names: tuple[str, ...], key: str) -> Array:
+    if isinstance(values, tuple) and len(values) != len(names):
+        joints = ", ".join(names)
+        raise ConfigError(f"found {len(values)} values; expected one, or one for each of the joints {joints}", key=key)
+    return np.broadcast_to(np.asarray(values, dtype=float), (len(names),)).copy()
+
+
+def _model_gains(config: Config) -> dict[str, dict[str, float]]:
+    """Gains of the `pid` actuators of the model file, by joint name."""
+    model = load_model(config).original
+    found = {}
+    for i in range(model.nactuator):
+        on_joint = model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
+        if on_joint and model.actuator_dyntype[i] == mujoco.mjtDyn.mjDYN_PID and model.actuator_gear[i, 0] == 1:
+            name = model.joint(model.actuator_trnid[i, 0]).name
+            kp, kd = -model.actuator_biasprm[i, 1:3]
+            found[name] = {"kp": float(kp), "kd": float(kd), "ki": float(model.actuator_gainprm[i, 0])}
+    return found
+
+
+def _largest_inertia(config: Config, robot: Robot, q: Array) -> Array:
+    """Largest diagonal of the mass matrix of arm and load over joint positions q (P, n), (n,)."""
+    none = np.zeros_like(q)
+    arm = robot.dynamics(q, none, none)
+    load = config.tray.mass + sum(item.mass for item in config.objects.values())
+    carried = load * np.sum(arm.jacobian[:, :3] ** 2, axis=1)
+    return np.asarray((np.diagonal(arm.mass_matrix, axis1=1, axis2=2) + carried).max(axis=0))

@@ -1,0 +1,152 @@
+"""Executes a plan many times and sums up what came of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from robustopt.config_model import Config, ExecutionConfig
+from robustopt.errors import ConfigError, SimulationFailed
+from robustopt.execution.controller import gains_of, reference
+from robustopt.execution.feedback import Feedback, feedback_of
+from robustopt.execution.monte_carlo import Job, run_all
+from robustopt.execution.outcome import Status, TrialOutcome
+from robustopt.execution.statistics import clopper_pearson
+from robustopt.timescaling import Plan
+from robustopt.trajectory import Trajectory
+
+LONGEST_STEP = 0.1
+"""Time steps longer than this part of the trajectory are taken for a mistake (our choice)."""
+
+
+@dataclass(frozen=True)
+class Executions:
+    """Trials of a plan.
+
+    outcomes: one per trial, in their order; requested: number of trials asked for, more than there are where the
+    execution was interrupted; confidence: level of `interval`; feedback: acceleration error, None without a sound
+    trial
+    """
+
+    outcomes: tuple[TrialOutcome, ...]
+    requested: int
+    seed: int
+    speed: float
+    duration: float
+    timestep: float
+    confidence: float
+    feedback: Feedback | None
+
+    @property
+    def complete(self) -> bool:
+        return len(self.outcomes) == self.requested
+
+    @property
+    def successes(self) -> int:
+        return sum(outcome.success for outcome in self.outcomes)
+
+    @property
+    def success_rate(self) -> float:
+        """Share of the trials that succeeded; a diverged simulation is no success. nan without a trial."""
+        return self.successes / len(self.outcomes) if self.outcomes else float("nan")
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Clopper-Pearson interval of the success probability at the level `confidence`."""
+        return clopper_pearson(self.successes, len(self.outcomes), self.confidence)
+
+    @property
+    def counts(self) -> Mapping[Status, int]:
+        """Number of trials of each status that occurred."""
+        found = [outcome.status for outcome in self.outcomes]
+        return {status: found.count(status) for status in Status if status in found}
+
+
+def execute(
+    config: Config,
+    plan: Plan,
+    trials: int | None = None,
+    seed: int | None = None,
+    speed: float = 1.0,
+    *,
+    numbers: Sequence[int] | None = None,
+    workers: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+) -> Executions:
+    """Run a plan in simulation against the world of `execution.truth`.
+
+    Trial k depends on the seed and on k alone: not on how many trials there are, in which order, nor by how many
+    workers they are run.
+
+    Args:
+        config: the task; its `execution` section says what the world is like (all defaults where it has none).
+        plan: a plan of the task; what the planner believed of friction, masses and errors may differ.
+        trials: number of trials, instead of `execution.trials`.
+        seed: instead of that of the configuration.
+        speed: the plan is run this many times as fast.
+        numbers: which trials to run, instead of the first `trials`.
+        workers: processes; threads share the cores that they leave.
+        progress: called with the trials done and the successes among them, after every chunk.
+
+    Raises:
+        ProblemInfeasible: the plan is empty.
+        ConfigError: the plan is of another task, or a key of `execution` does not fit the robot.
+        SimulationFailed: the plan is not finite, or worker processes died again and again.
+    """
+    _require_same_task(config, plan)
+    execution = config.execution or ExecutionConfig()
+    config = config.model_copy(update={"execution": execution})
+    trajectory = Trajectory.from_plan(plan, speed)
+    _require_usable(trajectory, execution)
+    planned = reference(trajectory, execution.timestep, execution.hold)
+    seed = config.seed if seed is None else seed
+    chosen = tuple(range(execution.trials if trials is None else trials)) if numbers is None else tuple(numbers)
+    gains = gains_of(config, plan.problem.robot, trajectory.at_gridpoints().q)
+    outcomes, _ = run_all(Job(config, execution, gains, planned, seed), chosen, workers, progress)
+    return Executions(
+        tuple(outcomes), len(chosen), seed, speed, trajectory.duration, execution.timestep, execution.confidence,
+        feedback_of(outcomes),
+    )  # fmt: skip
+
+
+def _require_same_task(config: Config, plan: Plan) -> None:
+    """The plan must be of the same robot, tray, objects and path; what was believed of them may differ."""
+    theirs = plan.problem.config
+    if config is theirs:
+        return
+    same = {
+        "robot": config.robot == theirs.robot,
+        "tray": (config.tray.size, config.tray.pose) == (theirs.tray.size, theirs.tray.pose),
+        "path": config.path == theirs.path,
+        "gravity": config.gravity == theirs.gravity,
+        "objects": _places(config) == _places(theirs),
+    }
+    other = [key for key, equal in same.items() if not equal]
+    if other:
+        keys = ", ".join(other)
+        raise ConfigError(
+            f"the plan is of another task, {theirs.name}: {keys} differ{'s' if len(other) == 1 else ''}; "
+            "expected a plan of this configuration",
+            key=other[0],
+        )
+
+
+def _places(config: Config) -> list[tuple[object, ...]]:
+    """Shapes and places of the objects."""
+    keys = ("shape", "size", "radius", "height", "on", "at", "yaw")
+    return [(name, *(getattr(body, key) for key in keys)) for name, body in config.objects.items()]
+
+
+def _require_usable(trajectory: Trajectory, execution: ExecutionConfig) -> None:
+    for name in ("s", "sd", "times"):
+        wrong = np.flatnonzero(~np.isfinite(getattr(trajectory, name)))
+        if wrong.size:
+            raise SimulationFailed(f"The plan cannot be run: it is not a finite number at grid point {wrong[0]}.")
+    if execution.timestep > LONGEST_STEP * trajectory.duration:
+        raise ConfigError(
+            f"found {execution.timestep:g} s; expected less than a tenth of the motion, which takes "
+            f"{trajectory.duration:.3g} s",
+            key="execution.timestep",
+        )

@@ -1,0 +1,161 @@
+"""Monte Carlo trials in chunks: each chunk runs in C threads, chunks run in this or in several processes.
+
+A chunk is reduced to its outcomes before the next one starts, so memory does not grow with the number of trials.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from robustopt.config_model import Config, ExecutionConfig
+from robustopt.errors import SimulationFailed
+from robustopt.execution.controller import Gains, Reference, computed_torque, controls
+from robustopt.execution.disturbance import CALIBRATION, FORCE, WORLD, calibration, forces, generator
+from robustopt.execution.feedback import acceleration_error, moments
+from robustopt.execution.outcome import TrialOutcome, judge
+from robustopt.execution.scene import Layout, SceneBuilder
+from robustopt.execution.simulation import Record, simulate
+from robustopt.execution.truth import World, true_world, varies
+
+Array = np.ndarray
+
+CHUNK = 25
+"""Trials in one batch: enough to keep the threads busy, few enough for some 150 MB of records."""
+
+RETRIES = 3
+"""How often the chunks of a worker that died are given to new workers."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """All that a worker needs to run any trial."""
+
+    config: Config
+    execution: ExecutionConfig
+    gains: Gains
+    planned: Reference
+    seed: int
+
+
+def run_trials(job: Job, trials: Sequence[int], threads: int) -> list[TrialOutcome]:
+    """Run trials by their numbers, in chunks of the size of the sequence."""
+    prepared, record = simulate_trials(job, trials, threads)
+    return [_outcome(job, prepared, record, i) for i in range(len(trials))]
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """What trials start from: their worlds, offsets of the joints (k, n), and where things are in the arrays."""
+
+    trials: Sequence[int]
+    worlds: Sequence[World]
+    offsets: Array
+    layout: Layout
+    builder: SceneBuilder
+
+
+def simulate_trials(job: Job, trials: Sequence[int], threads: int) -> tuple[Prepared, Record]:
+    """Simulate trials by their numbers."""
+    execution, planned = job.execution, job.planned
+    builder = SceneBuilder(job.config, job.gains, execution.timestep)
+    worlds = [true_world(job.config, execution.truth, generator(job.seed, k, WORLD)) for k in trials]
+    models = [builder.model(world) for world in (worlds if varies(execution.truth) else worlds[:1])]
+    model, layout = models[0], builder.layout(models[0])
+    disturbance = execution.disturbance
+    offsets = np.array([calibration(disturbance, builder.robot.n, generator(job.seed, k, CALIBRATION)) for k in trials])
+    feedforward = execution.controller.feedforward == "computed_torque"
+    inputs = controls(model, layout, planned, computed_torque(builder.rigid(), planned) if feedforward else None)
+    control = np.zeros((len(trials), len(planned.t), model.nu + 6 * model.nbody))
+    control[:, :, : model.nu] = inputs
+    control[:, :, layout.control] += offsets[:, None]
+    at = model.nu + 6 * layout.bodies[disturbance.on]
+    for i, k in enumerate(trials):
+        random = generator(job.seed, k, FORCE)
+        control[i, :, at : at + 3] = forces(disturbance, execution.timestep, len(planned.t), random)
+    start = np.array([builder.start(layout, planned.q[0] + offset, model.nq) for offset in offsets])
+    record = simulate(models, start, control, threads)
+    return Prepared(trials, worlds, offsets, layout, builder), record
+
+
+def _outcome(job: Job, prepared: Prepared, record: Record, i: int) -> TrialOutcome:
+    layout, robot, planned = prepared.layout, prepared.builder.robot, job.planned
+    diverged = bool(record.diverged[i])
+    outcome = judge(
+        prepared.trials[i], prepared.worlds[i], job.execution.failure, planned, layout.interfaces, robot.joint_names,
+        robot.limits.torque, record.qpos[i, :-1, layout.joints].T, planned.q + prepared.offsets[i],
+        record.torque[i][:, layout.dofs], record.sensors[i], diverged,
+    )  # fmt: skip
+    if diverged or not planned.moving.any():
+        return outcome
+    filtered, raw = acceleration_error(record.qvel[i][:, layout.dofs], planned, job.execution.timestep)
+    mean, square = moments(filtered[planned.moving])
+    raw_mean, raw_square = moments(raw[planned.moving])
+    return replace(
+        outcome, error_steps=int(planned.moving.sum()), error_mean=mean, error_square=square,
+        error_unfiltered_mean=raw_mean, error_unfiltered_square=raw_square,
+    )  # fmt: skip
+
+
+# Chunks over processes ------------------------------------------------------------------------------------
+
+
+def cores() -> int:
+    """Processor cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def share_cores(workers: int) -> tuple[int, int]:
+    """Processes and threads of each, together never more than there are cores."""
+    processes = max(1, min(workers, cores()))
+    return processes, max(1, cores() // processes)
+
+
+def run_all(
+    job: Job, trials: Sequence[int], workers: int, progress: Callable[[int, int], None] | None
+) -> tuple[list[TrialOutcome], bool]:
+    """Outcomes of the trials in their order, and whether all were run; Ctrl-C keeps what was done before it."""
+    processes, threads = share_cores(workers)
+    chunks = [trials[i : i + CHUNK] for i in range(0, len(trials), CHUNK)]
+    outcomes: list[TrialOutcome] = []
+    results = _in_processes(job, chunks, processes, threads) if processes > 1 else _here(job, chunks, threads)
+    try:
+        for chunk in results:
+            outcomes += chunk
+            if progress is not None:
+                progress(len(outcomes), sum(outcome.success for outcome in outcomes))
+    except KeyboardInterrupt:
+        return outcomes, False
+    return outcomes, True
+
+
+def _here(job: Job, chunks: Sequence[Sequence[int]], threads: int) -> Iterator[list[TrialOutcome]]:
+    for chunk in chunks:
+        yield run_trials(job, chunk, threads)
+
+
+def _in_processes(
+    job: Job, chunks: Sequence[Sequence[int]], processes: int, threads: int
+) -> Iterator[list[TrialOutcome]]:
+    """Chunks in their order; those of a worker that died are run again by new workers."""
+    from joblib import Parallel, delayed
+    from joblib.externals.loky.process_executor import TerminatedWorkerError
+
+    done = 0
+    for attempt in range(RETRIES + 1):
+        parallel: Any = Parallel(n_jobs=processes, return_as="generator", pre_dispatch=processes)
+        try:
+            for outcomes in parallel(delayed(run_trials)(job, chunk, threads) for chunk in chunks[done:]):
+                done += 1
+                yield outcomes
+            return
+        except TerminatedWorkerError as error:
+            if attempt == RETRIES:
+                raise SimulationFailed(
+                    f"Worker processes died {attempt + 1} times, for instance because the memory ran out; "
+                    f"{done} of {len(chunks)} chunks of trials were done. Fewer workers need less memory."
+                ) from error

@@ -1,0 +1,73 @@
+"""Many trials at once in MuJoCo: settle, then run open loop on controls that are known beforehand, in C threads."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+Array = np.ndarray
+
+SETTLE = 0.5
+"""Time for which the world comes to rest under the controller before anything is recorded [s]."""
+
+RECORDED = ("qpos", "qvel", "sensordata", "qfrc_actuator")
+CONTROL = int(mujoco.mjtState.mjSTATE_CTRL) | int(mujoco.mjtState.mjSTATE_XFRC_APPLIED)
+
+
+@dataclass(frozen=True)
+class Record:
+    """What trials did in N time steps; leading index: trial.
+
+    qpos (n, N + 1, nq), qvel (n, N + 1, nv): before each step and after the last; sensors (n, N, .) and torque
+    (n, N, nv), drives and gravity compensation together: at the start of each step; diverged: (n,)
+    """
+
+    qpos: Array
+    qvel: Array
+    sensors: Array
+    torque: Array
+    diverged: Array
+
+
+def simulate(models: Sequence[mujoco.MjModel], start: Array, control: Array, threads: int) -> Record:
+    """Run trials from rest.
+
+    models: one for all trials, or one for each; start: qpos (n, nq); control: inputs and then the external forces on
+    all bodies, (n, N, nu + 6 nbody); threads: at most as many at a time
+    """
+    trials, steps = control.shape[:2]
+    model = models[0]
+    batch = Batch(model, trials, min(threads, trials))
+    if len(models) > 1:
+        batch.set_models(list(models))
+    _settle(batch, models, start, control[:, 0, : model.nu])
+    warned = _warned(batch)
+    first = {name: batch.bind(name).copy() for name in ("qpos", "qvel")}
+    out = batch.rollout(steps, control, control_spec=CONTROL, record=RECORDED)
+    diverged = warned | _warned(batch) | ~np.isfinite(out["qpos"][:, -1]).all(axis=1)
+    diverged |= np.abs(batch.bind("time") - steps * model.opt.timestep) > model.opt.timestep / 2
+    joined = {name: np.concatenate([first[name][:, None], out[name]], axis=1) for name in first}
+    return Record(joined["qpos"], joined["qvel"], out["sensordata"], out["qfrc_actuator"], diverged)
+
+
+def _settle(batch: Batch, models: Sequence[mujoco.MjModel], start: Array, inputs: Array) -> None:
+    """Bring all trials to rest; those that are alike are settled once."""
+    steps = round(SETTLE / batch.model.opt.timestep)
+    alike = len(models) == 1 and bool((start == start[0]).all() and (inputs == inputs[0]).all())
+    settled = Batch(batch.model, 1, 1) if alike else batch
+    settled.bind("qpos")[:] = start[: settled.nsim]
+    settled.bind("ctrl")[:] = inputs[: settled.nsim]
+    settled.step(nstep=steps)
+    if alike:
+        batch.state[:] = settled.state
+        batch.warning[:] = settled.warning
+    batch.bind("time")[:] = 0.0
+
+
+def _warned(batch: Batch) -> Array:
+    """Trials in which MuJoCo has warned, (n,): that is how it reports a simulation that diverges."""
+    return np.asarray(batch.warning.reshape(batch.nsim, -1).any(axis=1))
