@@ -5,7 +5,7 @@ carried and how uncertain it is; `motion` and `loads` turn a plan into the wrenc
 `draws` find the worst utilisation of each limit, collected in a `tally`; `certify` puts them together.
 """
 
-from robustopt.certificate.certify import Certificate, Margin, Worst, certify
+from robustopt.certificate.certify import LEVELS, Certificate, Level, Margin, Worst, certify
 from robustopt.certificate.interfaces import interface_utilisation
 
-__all__ = ["Certificate", "Margin", "Worst", "certify", "interface_utilisation"]
+__all__ = ["LEVELS", "Certificate", "Level", "Margin", "Worst", "certify", "interface_utilisation"]

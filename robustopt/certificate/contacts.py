@@ -51,20 +51,21 @@ def check_contacts(
     """Worst utilisation of one contact system.
 
     At every so-manieth instant the search starts from each of `starts` (T sets of values). All instants are then tried
-    with the worst values of the nearest of these, and with the worst of all (the searched ones only, for bridges).
+    with the worst values of the nearest of these. The worst of all are tried at all instants too; for bridges, for
+    which there is no quick test, at the searched ones only.
     """
     search = _Search(scene, motion, system, how.gap, tally)
     every, rounds = how.every, how.rounds
-    everywhere = np.arange(len(motion.free))
+    everywhere, quick = np.arange(len(motion.free)), len(system.objects) == 1
     chosen = everywhere[::every]
     rounds = rounds if scene.uncertain else 0
     for start in starts:
         search.follow(chosen, start.at(chosen), rounds)
     if every > 1:
         nearest = np.minimum((everywhere + every // 2) // every, len(chosen) - 1) * every
-        search.follow(everywhere, search.worst.at(nearest), min(rounds, 1), cull=True)
+        search.follow(everywhere, search.worst.at(nearest), min(rounds, int(quick)), cull=True)
     if scene.uncertain:
-        tried = everywhere if len(system.objects) == 1 else chosen
+        tried = everywhere if quick else chosen
         for t in np.argsort(-search.upper, kind="stable")[:SHARED]:
             search.follow(tried, search.worst.at(int(t)).repeated(len(tried)), 0, cull=True)
     search.report()

@@ -48,8 +48,6 @@ in some directions."""
 CHUNK = 1024
 """Programs solved together: few enough for the cache, enough to hide the cost of an array operation."""
 
-TINY = 1e-300
-
 
 @dataclass(frozen=True)
 class Gauge:
@@ -124,12 +122,16 @@ class _InteriorPoint:
         self._keep(pressing)
 
     def solve(self) -> _InteriorPoint:
-        """Iterate until all programs are solved; `value`, `lower` (T,) and `direction` (6 K, T) are their solutions."""
-        for _ in range(MOST_ITERATIONS):
-            if len(self.index):
-                self._bracket()
-            if len(self.index):
-                self._iterate()
+        """Iterate until all programs are solved; `value`, `lower` (T,) and `direction` (6 K, T) are their solutions.
+
+        A program at the end of its numerical precision may break down; its best iterate counts.
+        """
+        with np.errstate(all="ignore"):
+            for _ in range(MOST_ITERATIONS):
+                if len(self.index):
+                    self._bracket()
+                if len(self.index):
+                    self._iterate()
         return self
 
     def _bracket(self) -> None:
@@ -139,7 +141,7 @@ class _InteriorPoint:
         lower = -(self.move * self.y).sum(axis=0)
         self.residual = self.move + self.g * self.rest - self.contacts.pressed(self.force)
         self.product = self.g * self.slack_g + (self.force * self.slack).sum(axis=(0, 1))
-        unbalanced = np.sqrt((self.residual**2).sum(axis=0))
+        unbalanced = self._unbalanced()
         enough = (unbalanced < GAP * (1.0 + self.g)) & (self.g <= self.enough)
         error = np.maximum(unbalanced, self.g - lower) / (1.0 + self.g)
         better = enough | (error < self.error)
@@ -147,9 +149,16 @@ class _InteriorPoint:
         self.value[found] = np.where(enough | (error < max(self.gap, ROUGH_GAP)), self.g, np.inf)[better]
         self.direction[:, found] = self.y[:, better]
         self.lower[self.index] = np.maximum(self.lower[self.index], lower)
-        stuck = ~(self.product > 1e-17) | ~(self.slack_g > 0.0) | (error > 100.0 * self.error)
+        interior = (_square(self.force) > 0.0).all(axis=0) & (_square(self.slack) > 0.0).all(axis=0)
+        stuck = ~(interior & (self.slack_g > 0.0)) | (error > 100.0 * self.error) | ~np.isfinite(error)
         self.error = np.minimum(self.error, error)
         self._keep(~(enough | (error < self.gap) | (lower > MOST) | stuck))
+
+    def _unbalanced(self) -> Array:
+        """Length of the residual, what friction must balance measured in units of the lowest friction, (T,)."""
+        rows = (self.residual**2).reshape(-1, 6, len(self.index)).sum(axis=0)
+        friction = np.minimum(self.contacts.mu.min(axis=0), 1.0)
+        return np.asarray(np.sqrt(rows[2:5].sum(axis=0) + (rows[0] + rows[1] + rows[5]) / friction**2))
 
     def _keep(self, chosen: Flags) -> None:
         """Drop the programs that are not `chosen`."""
@@ -212,7 +221,7 @@ class _Scaling:
     """Nesterov and Todd's scaling W of each cone: W^-1 force = W slack."""
 
     def __init__(self, force: Array, slack: Array) -> None:
-        force_size, slack_size = _size(force), _size(slack)
+        force_size, slack_size = np.sqrt(_square(force)), np.sqrt(_square(slack))
         force, slack = force / force_size, slack / slack_size
         w = force + slack * np.array([1.0, -1.0, -1.0])[:, None, None]
         self.w = w / np.sqrt(2.0 * (1.0 + (force * slack).sum(axis=0)))
@@ -261,25 +270,23 @@ class _Step:
         return np.asarray((np.maximum(left, 0.0) / product) ** 3)
 
 
-def _size(c: Array) -> Array:
-    """sqrt(c_0^2 - c_1^2 - c_2^2)."""
-    return np.asarray(np.sqrt(np.maximum(c[0] ** 2 - c[1] ** 2 - c[2] ** 2, TINY)))
+def _square(c: Array) -> Array:
+    """c_0^2 - c_1^2 - c_2^2, positive inside the cone."""
+    return np.asarray(c[0] ** 2 - c[1] ** 2 - c[2] ** 2)
 
 
 def _ray(value: Array, step: Array) -> Array:
     """Longest step that keeps a positive value positive."""
-    with np.errstate(divide="ignore"):
-        return np.where(step < 0.0, -value / step, np.inf)
+    return np.where(step < 0.0, -value / step, np.inf)
 
 
 def _reach(c: Array, d: Array) -> Array:
     """Largest a with c + a d in the cone, for c inside it, (n, T)."""
-    square = d[0] ** 2 - d[1] ** 2 - d[2] ** 2
+    square = _square(d)
     cross = c[0] * d[0] - c[1] * d[1] - c[2] * d[2]
-    inside = np.maximum(c[0] ** 2 - c[1] ** 2 - c[2] ** 2, 0.0)
+    inside = np.maximum(_square(c), 0.0)
     root = np.sqrt(np.maximum(cross**2 - square * inside, 0.0))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        reach = np.where(cross < 0.0, inside / (root - cross), np.where(square < 0.0, (cross + root) / -square, np.inf))
+    reach = np.where(cross < 0.0, inside / (root - cross), np.where(square < 0.0, (cross + root) / -square, np.inf))
     return np.where((square >= 0.0) & (d[0] >= 0.0), np.inf, reach)
 
 
@@ -289,7 +296,7 @@ def _divide(scaled: Array, target: Array, force: Array, slack: Array) -> Array:
     r0 = target - (scaled * scaled + force * slack).sum(axis=0)
     r1 = -2.0 * c0 * c1 - force[0] * slack[1] - force[1] * slack[0]
     r2 = -2.0 * c0 * c2 - force[0] * slack[2] - force[2] * slack[0]
-    q0 = (c0 * r0 - c1 * r1 - c2 * r2) / np.maximum(c0**2 - c1**2 - c2**2, TINY)
+    q0 = (c0 * r0 - c1 * r1 - c2 * r2) / _square(scaled)
     return np.stack([q0, (r1 - c1 * q0) / c0, (r2 - c2 * q0) / c0])
 
 

@@ -36,7 +36,8 @@ def _position(motion: Motion) -> Array:
     """
     low, high = motion.limits.lower[:, None], motion.limits.upper[:, None]
     both = np.isfinite(low) & np.isfinite(high)
-    middle, half = np.where(both, 0.5 * (low + high), 0.0), np.where(both, 0.5 * (high - low), 1.0)
+    bottom, top = np.where(both, low, -1.0), np.where(both, high, 1.0)
+    middle, half = 0.5 * (bottom + top), 0.5 * (top - bottom)
     beyond = np.maximum(motion.position - high, low - motion.position)
     return np.where(both, np.abs(motion.position - middle) / half, np.maximum(0.0, 1.0 + beyond))
 
