@@ -16,7 +16,7 @@ W_gk are exact interval terms and the R_gk bounded remainders (see `uncertainty`
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numba as nb
 import numpy as np
@@ -36,24 +36,22 @@ NO_NAME = -1
 """Name index of the edges x >= 0 and of the bounds that a polygon starts from."""
 
 
-@dataclass
-class Polygons:
+class Polygons(NamedTuple):
     """One polygon per grid point: vertices (u, x) counter-clockwise, and the row of the edge that starts at each.
 
-    vertices: (P, V, 2); rows: (P, V, 3), a u + b x + c <= 0; names: (P, V); count: (P,), 0 where nothing is feasible
+    vertices: (P, V, 2); rows: (P, V, 3), a u + b x + c <= 0; names: (P, V); sizes: (P,), the number of vertices, 0 where nothing is feasible
     """
 
     vertices: Array
     rows: Array
     names: Array
-    count: Array
+    sizes: Array
 
     def copy(self) -> Polygons:
-        return Polygons(self.vertices.copy(), self.rows.copy(), self.names.copy(), self.count.copy())
+        return Polygons(*(array.copy() for array in self))
 
 
-@dataclass(frozen=True)
-class Loads:
+class Loads(NamedTuple):
     """What the rows of a family multiply, in groups whose mass has one interval each.
 
     nominal: W_g0, coefficients of (u, x, 1) last, shape (P, d, G, 3)
@@ -80,13 +78,29 @@ class Loads:
 
     def at(self, points: Array) -> Loads:
         """The loads at some of the grid points."""
-        return replace(
-            self,
-            nominal=self.nominal[points],
-            terms=self.terms[points],
-            constant=self.constant[points],
-            remainder=self.remainder[points],
-        )
+        over_points = ("nominal", "terms", "constant", "remainder")
+        return self._replace(**{name: getattr(self, name)[points] for name in over_points})
+
+
+class Family(NamedTuple):
+    """Rows over loads: see the head of the module.
+
+    B: (1, F, d), or (P, F, d) where the rows differ from point to point; loads: what they multiply
+    base: affine part of a row by itself, (P, F, 3), or (0, 0, 3) for none
+    base_terms: what each constant interval term of the loads adds to a row by itself, (P, F, n_c), or (0, 0, 0)
+    names: index of each row's name, (F,)
+    """
+
+    B: Array
+    loads: Loads
+    base: Array
+    base_terms: Array
+    names: Array
+
+
+def facet_family(facets: Array, loads: Loads, names: Array) -> Family:
+    """The family of rows facets (F, d) that are the same at every grid point and have no part of their own."""
+    return Family(np.ascontiguousarray(facets)[None], loads, np.zeros((0, 0, 3)), np.zeros((0, 0, 0)), names)
 
 
 def start(u_bound: Array, x_max: Array, velocity_name: Array) -> Polygons:
@@ -106,41 +120,9 @@ def start(u_bound: Array, x_max: Array, velocity_name: Array) -> Polygons:
     return Polygons(vertices, rows, names, np.full(points, 4))
 
 
-def cut_affine(polygons: Polygons, rows: Array, names: Array) -> None:
-    """Cut with rows a u + b x + c <= 0, shape (P, F, 3), of the names (F,)."""
-    _cut_affine(polygons.vertices, polygons.rows, polygons.names, polygons.count, np.ascontiguousarray(rows), names)
-
-
-def cut_family(polygons: Polygons, B: Array, loads: Loads, base: Array, base_terms: Array, names: Array) -> None:
-    """Cut with a row family.
-
-    B: (F, d), or (P, F, d) where the rows differ from point to point
-    base: affine part of its own, (P, F, 3), or (0, 0, 3) for none
-    base_terms: what each constant interval term of the loads adds to the row by itself, (P, F, n_c), or (0, 0, 0)
-    names: index of each row's name, (F,)
-    """
-    if not len(names):
-        return
-    finished = _cut_family(
-        polygons.vertices,
-        polygons.rows,
-        polygons.names,
-        polygons.count,
-        np.ascontiguousarray(B if B.ndim == 3 else B[None]),
-        loads.nominal,
-        loads.terms,
-        loads.group,
-        loads.constant,
-        loads.constant_group,
-        loads.remainder,
-        loads.remainder_group,
-        loads.lowest,
-        loads.highest,
-        base,
-        base_terms,
-        names,
-    )
-    if not finished:
+def cut(polygons: Polygons, family: Family) -> None:
+    """Cut the polygons with a family of rows. Raises SolverFailed where one would have more than MAX_VERTICES edges."""
+    if len(family.names) and not _cut_family(polygons, family):
         raise SolverFailed(f"a feasible polygon at a grid point has more than {MAX_VERTICES} edges")
 
 
@@ -154,59 +136,33 @@ def _clip(V, R, L, valid, n, a, b, c, name, V2, R2, L2, valid2):
         if (value > 0.0) != (before > 0.0):
             share = before / (before - value)
             p = k - 1 if k > 0 else n - 1
-            V2[m, 0] = V[p, 0] + share * (V[k, 0] - V[p, 0])
-            V2[m, 1] = V[p, 1] + share * (V[k, 1] - V[p, 1])
+            V2[m] = V[p] + share * (V[k] - V[p])
             valid2[m] = False
             if value > 0.0:
-                R2[m, 0], R2[m, 1], R2[m, 2] = a, b, c
-                L2[m] = name
+                R2[m, 0], R2[m, 1], R2[m, 2], L2[m] = a, b, c, name
             else:
-                R2[m, 0], R2[m, 1], R2[m, 2] = R[p, 0], R[p, 1], R[p, 2]
-                L2[m] = L[p]
+                R2[m], L2[m] = R[p], L[p]
             m += 1
         if value <= 0.0:
-            V2[m, 0], V2[m, 1] = V[k, 0], V[k, 1]
-            R2[m, 0], R2[m, 1], R2[m, 2] = R[k, 0], R[k, 1], R[k, 2]
-            L2[m] = L[k]
-            valid2[m] = valid[k]
+            V2[m], R2[m], L2[m], valid2[m] = V[k], R[k], L[k], valid[k]
             m += 1
         before = value
-    for k in range(m):
-        V[k, 0], V[k, 1] = V2[k, 0], V2[k, 1]
-        R[k, 0], R[k, 1], R[k, 2] = R2[k, 0], R2[k, 1], R2[k, 2]
-        L[k] = L2[k]
-        valid[k] = valid2[k]
+    V[:m], R[:m], L[:m], valid[:m] = V2[:m], R2[:m], L2[:m], valid2[:m]
     return m
 
 
 @nb.njit(cache=True)
-def _cut_affine(vertices, edge_rows, edge_names, count, rows, names):
-    V2 = np.empty((MAX_VERTICES, 2))
-    R2 = np.empty((MAX_VERTICES, 3))
+def cut_affine(polygons, rows, names):
+    """Cut with rows a u + b x + c <= 0, shape (P, F, 3), of the names (F,)."""
+    V2, R2 = np.empty((MAX_VERTICES, 2)), np.empty((MAX_VERTICES, 3))
     L2 = np.empty(MAX_VERTICES, np.int64)
-    valid = np.zeros(MAX_VERTICES, np.bool_)
-    valid2 = np.zeros(MAX_VERTICES, np.bool_)
-    for i in range(len(count)):
-        n = count[i]
+    valid, valid2 = np.zeros(MAX_VERTICES, np.bool_), np.zeros(MAX_VERTICES, np.bool_)
+    for i in range(len(polygons.sizes)):
+        V, R, L, n = polygons.vertices[i], polygons.rows[i], polygons.names[i], polygons.sizes[i]
         for f in range(rows.shape[1]):
-            if n < 3:
-                break
-            n = _clip(
-                vertices[i],
-                edge_rows[i],
-                edge_names[i],
-                valid,
-                n,
-                rows[i, f, 0],
-                rows[i, f, 1],
-                rows[i, f, 2],
-                names[f],
-                V2,
-                R2,
-                L2,
-                valid2,
-            )
-        count[i] = n if n >= 3 else 0
+            if n >= 3:
+                n = _clip(V, R, L, valid, n, rows[i, f, 0], rows[i, f, 1], rows[i, f, 2], names[f], V2, R2, L2, valid2)
+        polygons.sizes[i] = n if n >= 3 else 0
 
 
 @nb.njit(cache=True)
@@ -237,110 +193,61 @@ def _add_sizes(columns, wrench, products, out):
 
 
 @nb.njit(cache=True)
-def _row(
-    f,
-    rows,
-    base,
-    own,
-    nominal,
-    terms,
-    group,
-    constant,
-    constant_group,
-    remainder,
-    remainder_group,
-    lowest,
-    highest,
-    swings,
-    remains,
-    u,
-    x,
-    sums,
-):
-    """Affine piece (a, b, c) of a row that is active at (u, x): its value there is a u + b x + c."""
-    G, d = len(lowest), rows.shape[1]
-    sums[:] = 0.0
-    for g in range(G):
-        for i in range(3):
-            for j in range(d):
-                sums[g, i] += rows[f, j] * nominal[j, g, i]
-    for k in range(len(group)):
-        product = 0.0
-        for j in range(d):
-            product += rows[f, j] * swings[k, j]
-        sign = -1.0 if product < 0.0 else 1.0
-        for i in range(3):
-            for j in range(d):
-                sums[group[k], i] += sign * rows[f, j] * terms[j, k, i]
-    for k in range(len(constant_group)):
-        product = own[f, k] if own.shape[0] else 0.0
-        for j in range(d):
-            product += rows[f, j] * constant[j, k]
-        sums[constant_group[k], 2] += abs(product)
-    for k in range(len(remainder_group)):
-        for j in range(d):
-            weight = abs(rows[f, j]) * (-1.0 if remains[k, j] < 0.0 else 1.0)
-            for i in range(3):
-                sums[remainder_group[k], i] += weight * remainder[j, k, i]
-    a, b, c = 0.0, 0.0, 0.0
-    if base.shape[0]:
-        a, b, c = base[f, 0], base[f, 1], base[f, 2]
-    for g in range(G):
+def _active_piece(family, i, f, swings, remains, u, x):
+    """Affine piece (a, b, c) of row f at grid point i that is active at (u, x): its value there is a u + b x + c."""
+    loads, row = family.loads, family.B[i if family.B.shape[0] > 1 else 0, f]
+    sums = np.zeros((len(loads.lowest), 3))
+    for g in range(len(loads.lowest)):
+        for j in range(len(row)):
+            sums[g] += row[j] * loads.nominal[i, j, g]
+    for k in range(len(loads.group)):
+        sign = -1.0 if np.dot(row, swings[k]) < 0.0 else 1.0
+        for j in range(len(row)):
+            sums[loads.group[k]] += sign * row[j] * loads.terms[i, j, k]
+    for k in range(len(loads.constant_group)):
+        product = family.base_terms[i, f, k] if family.base_terms.shape[0] else 0.0
+        for j in range(len(row)):
+            product += row[j] * loads.constant[i, j, k]
+        sums[loads.constant_group[k], 2] += abs(product)
+    for k in range(len(loads.remainder_group)):
+        for j in range(len(row)):
+            weight = abs(row[j]) * (-1.0 if remains[k, j] < 0.0 else 1.0)
+            sums[loads.remainder_group[k]] += weight * loads.remainder[i, j, k]
+    piece = family.base[i, f].copy() if family.base.shape[0] else np.zeros(3)
+    for g in range(len(loads.lowest)):
         value = sums[g, 0] * u + sums[g, 1] * x + sums[g, 2]
-        scale = highest[g] if value > 0.0 else lowest[g]
-        a, b, c = a + scale * sums[g, 0], b + scale * sums[g, 1], c + scale * sums[g, 2]
-    return a, b, c
+        piece += (loads.highest[g] if value > 0.0 else loads.lowest[g]) * sums[g]
+    return piece
 
 
 @nb.njit(cache=True)
-def _cut_family(
-    vertices,
-    edge_rows,
-    edge_names,
-    count,
-    B,
-    nominal,
-    terms,
-    group,
-    constant,
-    constant_group,
-    remainder,
-    remainder_group,
-    lowest,
-    highest,
-    base,
-    base_terms,
-    names,
-):
+def _cut_family(polygons, family):
     """Cut each polygon until no vertex violates a row. False where a polygon grew beyond MAX_VERTICES."""
-    F, d, G = B.shape[1], B.shape[2], len(lowest)
+    B, loads, base, base_terms, names = family
+    F, d, G = B.shape[1], B.shape[2], len(loads.lowest)
     V2, R2 = np.empty((MAX_VERTICES, 2)), np.empty((MAX_VERTICES, 3))
     L2 = np.empty(MAX_VERTICES, np.int64)
     valid, valid2 = np.zeros(MAX_VERTICES, np.bool_), np.zeros(MAX_VERTICES, np.bool_)
-    loads, swings, remains = np.zeros((G, d)), np.zeros((len(group), d)), np.zeros((len(remainder_group), d))
+    central = np.zeros((G, d))
+    swings, remains = np.zeros((len(loads.group), d)), np.zeros((len(loads.remainder_group), d))
     columns, sizes = np.zeros((d, F)), np.zeros((d, F))
     margin, values, total, products = np.zeros((G, F)), np.zeros((G, F)), np.zeros(F), np.zeros(F)
-    box, sums = np.zeros((G, d)), np.zeros((G, 3))
-    no_base, no_terms = np.zeros((0, 3)), np.zeros((0, 0))
+    box = np.zeros((G, d))
     filled = False
-    for i in range(len(count)):
-        n = count[i]
+    for i in range(len(polygons.sizes)):
+        n = polygons.sizes[i]
         if n < 3:
             continue
-        rows = B[i] if B.shape[0] > 1 else B[0]
+        V, R, L = polygons.vertices[i], polygons.rows[i], polygons.names[i]
         if B.shape[0] > 1 or not filled:
+            columns[:] = (B[i] if B.shape[0] > 1 else B[0]).T
+            sizes[:] = np.abs(columns)
             filled = True
-            for j in range(d):
-                for f in range(F):
-                    columns[j, f] = rows[f, j]
-                    sizes[j, f] = abs(rows[f, j])
-        own_base = base[i] if base.shape[0] else no_base
-        own_terms = base_terms[i] if base_terms.shape[0] else no_terms
         margin[:] = 0.0
-        for k in range(len(constant_group)):
-            for f in range(own_terms.shape[0]):
-                products[f] = own_terms[f, k]
-            _add_sizes(columns, constant[i, :, k], products, margin[constant_group[k]])
+        for k in range(len(loads.constant_group)):
+            if base_terms.shape[0]:
+                products[:] = base_terms[i, :, k]
+            _add_sizes(columns, loads.constant[i, :, k], products, margin[loads.constant_group[k]])
         valid[:] = False
         finished = False
         for _ in range(20 * MAX_VERTICES):
@@ -352,53 +259,33 @@ def _cut_family(
             if vertex < 0:
                 finished = True
                 break
-            u, x = vertices[i, vertex, 0], vertices[i, vertex, 1]
-            _wrenches(nominal[i], u, x, loads)
-            _wrenches(terms[i], u, x, swings)
-            _wrenches(remainder[i], u, x, remains)
+            u, x = V[vertex, 0], V[vertex, 1]
+            _wrenches(loads.nominal[i], u, x, central)
+            _wrenches(loads.terms[i], u, x, swings)
+            _wrenches(loads.remainder[i], u, x, remains)
             values[:] = margin
             for g in range(G):
-                _add_products(columns, loads[g], values[g])
-            for k in range(len(group)):
-                _add_sizes(columns, swings[k], products, values[group[k]])
-            if len(remainder_group):
+                _add_products(columns, central[g], values[g])
+            for k in range(len(loads.group)):
+                _add_sizes(columns, swings[k], products, values[loads.group[k]])
+            if len(loads.remainder_group):
                 box[:] = 0.0
-                for k in range(len(remainder_group)):
-                    for j in range(d):
-                        box[remainder_group[k], j] += abs(remains[k, j])
+                for k in range(len(loads.remainder_group)):
+                    box[loads.remainder_group[k]] += np.abs(remains[k])
                 for g in range(G):
                     _add_products(sizes, box[g], values[g])
             total[:] = 0.0
-            for f in range(own_base.shape[0]):
-                total[f] = own_base[f, 0] * u + own_base[f, 1] * x + own_base[f, 2]
+            for f in range(base.shape[1]):
+                total[f] = base[i, f, 0] * u + base[i, f, 1] * x + base[i, f, 2]
             for g in range(G):
                 for f in range(F):
-                    total[f] += values[g, f] * (highest[g] if values[g, f] > 0.0 else lowest[g])
+                    total[f] += values[g, f] * (loads.highest[g] if values[g, f] > 0.0 else loads.lowest[g])
             worst = np.argmax(total)
             if total[worst] <= TOLERANCE:
                 valid[vertex] = True
                 continue
-            a, b, c = _row(
-                worst,
-                rows,
-                own_base,
-                own_terms,
-                nominal[i],
-                terms[i],
-                group,
-                constant[i],
-                constant_group,
-                remainder[i],
-                remainder_group,
-                lowest,
-                highest,
-                swings,
-                remains,
-                u,
-                x,
-                sums,
-            )
-            n = _clip(vertices[i], edge_rows[i], edge_names[i], valid, n, a, b, c, names[worst], V2, R2, L2, valid2)
+            a, b, c = _active_piece(family, i, worst, swings, remains, u, x)
+            n = _clip(V, R, L, valid, n, a, b, c, names[worst], V2, R2, L2, valid2)
             if n < 3:
                 n, finished = 0, True
                 break
@@ -406,7 +293,7 @@ def _cut_family(
                 break
         if not finished:
             return False
-        count[i] = n
+        polygons.sizes[i] = n
     return True
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from robustopt.config import Config
 from robustopt.contact import contact_systems
 from robustopt.path import Path, build_path
-from robustopt.polygons import Polygons, cut_affine, cut_family, edge_slots, start
+from robustopt.polygons import Polygons, cut, cut_affine, edge_slots, facet_family, start
 from robustopt.robot import Robot, load_robot
 from robustopt.rows import (
     ContactFamily,
@@ -250,38 +250,28 @@ def _with_rows(
     joint_names = np.tile(np.arange(n), 2)
     polygons = limits.outline.copy()
     used = counts[n + joint_names]
-    cut_affine(polygons, limits.acceleration[:, used], (n + joint_names)[used])
-    none, no_terms = np.zeros((0, 0, 3)), np.zeros((0, 0, 0))
+    cut_affine(polygons, np.ascontiguousarray(limits.acceleration[:, used]), (n + joint_names)[used])
     for family, rows, index in zip(limits.contacts, facets, names, strict=True):
         used = counts[index]
-        cut_family(polygons, rows[used], family.loads, none, no_terms, index[used])
+        cut(polygons, facet_family(rows[used], family.loads, index[used]))
     used = counts[2 * n + joint_names]
-    torque = limits.torque
-    base = torque.base_at(reference, limits.x_max)
-    cut_family(
-        polygons,
-        torque.B[:, used],
-        torque.loads,
-        base[:, used],
-        torque.base_terms[:, used],
-        (2 * n + joint_names)[used],
-    )
+    cut(polygons, limits.torque.family(reference, limits.x_max, used, 2 * n + joint_names))
     a, b, c, columns = _columns(polygons, n, len(limits.names))
     return replace(
-        problem, a=a, b=b, c=c, row_names=tuple(limits.names[k] for k in columns), feasible=polygons.count > 0,
+        problem, a=a, b=b, c=c, row_names=tuple(limits.names[k] for k in columns), feasible=polygons.sizes > 0,
         facets=facets, facet_names=names, reference=reference,
     )  # fmt: skip
 
 
 def _columns(polygons: Polygons, joints: int, names: int) -> tuple[Array, Array, Array, list[int]]:
     """Edges of the polygons as rows; the columns of one name are as many as one grid point needs at most."""
-    slots = edge_slots(polygons.vertices, polygons.names, polygons.count, joints, names)
+    slots = edge_slots(polygons.vertices, polygons.names, polygons.sizes, joints, names)
     point, edge = np.nonzero(slots >= 0)
     name = polygons.names[point, edge]
     width = np.zeros(names, dtype=np.int64)
     np.maximum.at(width, name, slots[point, edge] + 1)
     first = np.r_[0, np.cumsum(width)]
-    rows = np.zeros((len(polygons.count), first[-1], 3))
+    rows = np.zeros((len(polygons.sizes), first[-1], 3))
     rows[:, :, 2] = -1.0
     rows[point, first[name] + slots[point, edge]] = polygons.rows[point, edge]
     columns = [k for k in range(names) for _ in range(width[k])]

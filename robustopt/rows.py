@@ -4,8 +4,8 @@ Joint acceleration is affine in (u, x). Contact and joint torque are families ov
 the polygons cut with (see `polygons`). Joint torque has a viscous part D q' sqrt(x), which is replaced by its tangent
 at a reference x_r, D q' (sqrt(x_r) / 2 + x / (2 sqrt(x_r))). Where friction hurts, the tangent is an upper bound of a
 concave function, hence sound; where it helps, it is not, so a plan counts as solved only once its exact torque has
-been checked. Both are exact at x_r, and the reference follows the plan until they agree. Without a reference the chord over
-[0, x_top] stands in: a first guess, which is final where no torque comes near its limit.
+been checked. Both are exact at x_r, and the reference follows the plan until they agree. Without a reference the
+chord over [0, x_top] stands in: a first guess, which is final where no torque comes near its limit.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robustopt.contact import ContactSystem
-from robustopt.polygons import Loads
+from robustopt.polygons import Family, Loads
 from robustopt.robot import ArmDynamics, JointLimits
 from robustopt.uncertainty import Body, regressor, spin_regressor
 
@@ -111,12 +111,12 @@ def body_loads(
             remainder_group.append(g)
     none = np.zeros((points, d, 0, 3))
     return Loads(
-        nominal=np.stack(centres, axis=2),
-        terms=np.stack(terms, axis=2) if terms else none,
+        nominal=np.ascontiguousarray(np.stack(centres, axis=2)),
+        terms=np.ascontiguousarray(np.stack(terms, axis=2)) if terms else none,
         group=np.array(group, dtype=np.int64),
-        constant=np.concatenate(constant, axis=2),
+        constant=np.ascontiguousarray(np.concatenate(constant, axis=2)),
         constant_group=np.array(constant_group, dtype=np.int64),
-        remainder=np.stack(remainder, axis=2) if remainder else none,
+        remainder=np.ascontiguousarray(np.stack(remainder, axis=2)) if remainder else none,
         remainder_group=np.array(remainder_group, dtype=np.int64),
         lowest=np.array([1.0] + [body.mass[0] for body in uncertain]),
         highest=np.array([1.0] + [body.mass[1] for body in uncertain]),
@@ -166,6 +166,12 @@ class TorqueFamily:
     base: Array
     base_terms: Array
     viscous: Array
+
+    def family(self, reference: Array, x_top: Array, used: Array, names: Array) -> Family:
+        """The rows that are used, (2n,), with the viscous part linearised about a reference (P,), and their names."""
+        parts = (self.B, self.base_at(reference, x_top), self.base_terms)
+        B, base, base_terms = (np.ascontiguousarray(part[:, used]) for part in parts)
+        return Family(B, self.loads, base, base_terms, names[used])
 
     def base_at(self, reference: Array, x_top: Array) -> Array:
         """Affine base rows with the viscous part linearised, (P, 2n, 3); reference (P,), nan for none."""
