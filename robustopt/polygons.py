@@ -39,7 +39,8 @@ NO_NAME = -1
 class Polygons(NamedTuple):
     """One polygon per grid point: vertices (u, x) counter-clockwise, and the row of the edge that starts at each.
 
-    vertices: (P, V, 2); rows: (P, V, 3), a u + b x + c <= 0; names: (P, V); sizes: (P,), the number of vertices, 0 where nothing is feasible
+    vertices: (P, V, 2); rows: (P, V, 3), a u + b x + c <= 0; names: (P, V); sizes: (P,), the number of vertices, 0
+    where nothing is feasible
     """
 
     vertices: Array
