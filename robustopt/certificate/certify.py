@@ -32,6 +32,9 @@ BETWEEN_TOLERANCE = 1e-2
 TIMING_TOLERANCE = 1e-6
 """Share of the largest x by which x may differ from x_i + 2 ds_i u_i, be negative, or differ from 0 at a stop."""
 
+FEW_POINTS = 8
+"""With fewer contact points an instant hardly takes less time."""
+
 TIMING = "timing"
 """Name of the limit that x and u belong together and the robot starts, stops and ends at rest."""
 
@@ -42,7 +45,8 @@ class Level:
 
     between: shares of each interval; starts: random corners from which the search starts besides the configured values;
     search: how it goes on; draws: random draws; per_bridge: instants of each draw at which bridges are looked at;
-    most_instants: about how many, by leaving intervals out; effort: most draws times instants times contact points
+    most_work: most instants times contact points, kept to by leaving intervals out; effort: most of these times draws,
+    kept to by drawing less
     """
 
     between: tuple[float, ...]
@@ -50,15 +54,15 @@ class Level:
     search: Thoroughness
     draws: int
     per_bridge: int
-    most_instants: int
+    most_work: int
     effort: int
 
 
 LEVELS = {
-    "quick": Level((0.25, 0.5, 0.75), 0, Thoroughness(8, 3, 1e-5), 100, 2, 1300, 1_000_000),
-    "full": Level((0.125, 0.25, 0.5, 0.75, 0.875), 4, Thoroughness(1, 4, 1e-7), 10_000, 10, 10**9, 10**12),
+    "quick": Level((0.25, 0.5, 0.75), 0, Thoroughness(8, 3, 1e-5), 100, 2, 25_000, 1_000_000),
+    "full": Level((0.125, 0.25, 0.5, 0.75, 0.875), 4, Thoroughness(1, 4, 1e-7), 10_000, 10, 10**12, 10**12),
 }
-"""quick takes less than a second at 200 intervals and two objects; full takes a minute or so."""
+"""quick takes 0.2 to 0.6 s at 200 intervals, full 20 s for two boxes to 100 s for a bridge, on one core."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +142,7 @@ def certify(config: Config, plan: Timing, level: str = "quick", seed: int = 0) -
     how = LEVELS[level]
     scene = build_scene(config, plan.problem.robot.joint_names)
     intervals = int(np.count_nonzero(np.diff(plan.s) > 0.0))
-    between, every = _thinned(how, intervals)
+    between, every = _thinned(how, intervals, scene.points.shape[1])
     at = instants(plan, between, every)
     moving = motion(plan, at)
     tally = Tally(at.grid)
@@ -161,12 +165,12 @@ def certify(config: Config, plan: Timing, level: str = "quick", seed: int = 0) -
     )
 
 
-def _thinned(how: Level, intervals: int) -> tuple[tuple[float, ...], int]:
-    """Points in each interval and the step between intervals that keep to the level's number of instants."""
-    between = how.between
-    if intervals * (2 + len(between)) > how.most_instants:
+def _thinned(how: Level, intervals: int, points: int) -> tuple[tuple[float, ...], int]:
+    """Places in each interval and the step between intervals that keep to the level's work."""
+    between, most = how.between, how.most_work // max(points, FEW_POINTS)
+    if intervals * (2 + len(between)) > most:
         between = (0.5,)
-    return between, max(1, -(-intervals * (2 + len(between)) // how.most_instants))
+    return between, max(1, -(-intervals * (2 + len(between)) // most))
 
 
 def _check(scene: Scene, moving: Motion, how: Level, rng: np.random.Generator, tally: Tally) -> int:
@@ -181,7 +185,7 @@ def _check(scene: Scene, moving: Motion, how: Level, rng: np.random.Generator, t
         check_contacts(scene, moving, system, starts, how.search, tally)
     if not scene.uncertain:
         return 0
-    work = count * max(1, scene.points.shape[1])
+    work = count * max(scene.points.shape[1], FEW_POINTS)
     draws: int = max(2, min(how.draws, how.effort // work)) // 2
     for corners in (False, True):
         check_draws(scene, moving, scene.draw(rng, draws, corners), how.per_bridge, tally)
