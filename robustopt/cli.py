@@ -6,11 +6,11 @@ import io
 import os
 import signal
 import sys
-from collections.abc import Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from robustopt.config import Config
+
+Progress = Callable[[int, int, int], None]
+"""Called with the trials done, those asked for, and the successes so far."""
 
 INTERRUPTED = 130
 _INTERRUPTED = "interrupted; nothing half-written is left"
@@ -33,7 +36,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
     help="Fastest robot motions under frictional contact that hold for every value of what is uncertain.",
     epilog="Exit codes: 0 done, 2 configuration or usage, 3 infeasible, 4 solver or certificate failed, "
-    "130 interrupted.",
+    "5 simulation failed, 130 interrupted.",
 )
 
 
@@ -52,6 +55,10 @@ Overrides = Annotated[
     list[str] | None,
     typer.Argument(metavar="KEY=VALUE", help="other values for keys, e.g. contact.friction=0.3 'uncertainty={}'"),
 ]
+Out = Annotated[
+    Path | None, typer.Option(help="run folder, new or empty; default: results/NAME/TIME", show_default=False)
+]
+Seed = Annotated[int | None, typer.Option(help="seed of all random numbers", show_default=False)]
 Json = Annotated[bool, typer.Option("--json", help="print one JSON object instead of text, also for errors")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="print nothing but errors")]
 
@@ -75,11 +82,9 @@ def common(
 def plan(
     config: ConfigFile,
     overrides: Overrides = None,
-    out: Annotated[
-        Path | None, typer.Option(help="run folder, new or empty; default: results/NAME/TIME", show_default=False)
-    ] = None,
+    out: Out = None,
     method: Annotated[Method | None, typer.Option(help="solver.method", show_default=False)] = None,
-    seed: Annotated[int | None, typer.Option(help="seed of all random numbers", show_default=False)] = None,
+    seed: Seed = None,
     certify: Annotated[
         Effort, typer.Option(help="quick: at most a second; full: many more draws and all worst corners")
     ] = Effort.quick,
@@ -104,6 +109,39 @@ def plan(
 
 
 @app.command()
+def execute(
+    task: Annotated[
+        Path, typer.Argument(metavar="CONFIG|RUN", help="YAML file to plan and run, or run folder whose plan is run")
+    ],
+    overrides: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="KEY=VALUE", help="other values for keys; of a RUN only those of execution and seed"),
+    ] = None,
+    out: Out = None,
+    trials: Annotated[int | None, typer.Option(min=1, help="execution.trials", show_default=False)] = None,
+    seed: Seed = None,
+    speed: Annotated[float, typer.Option(min=0.01, max=100, help="run the plan this many times as fast")] = 1.0,
+    workers: Annotated[int, typer.Option(min=1, help="processes; threads share the cores that they leave")] = 1,
+    figures: Annotated[bool, typer.Option(help="draw the figures of a new plan")] = True,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> int:
+    """Run a plan in simulation, again and again, in a world that the planner does not know."""
+    changes = _changes(overrides, None, seed)
+    if trials is not None:
+        changes.append(f"execution.trials={trials}")
+    options = _Execution(speed, workers, figures, json, quiet)
+    if task.is_dir():
+        return _execute_stored(task, changes, out, options)
+    try:
+        return _execute_new(_load(task, changes), out, options)
+    except ConfigError as error:
+        from robustopt.config import located
+
+        raise located(error, task, changes) from None
+
+
+@app.command()
 def validate(config: ConfigFile, overrides: Overrides = None, json: Json = False, quiet: Quiet = False) -> int:
     """Check a configuration: every mistake with its place, what was found and what would be right."""
     task = _load(config, overrides or [])
@@ -116,7 +154,7 @@ def validate(config: ConfigFile, overrides: Overrides = None, json: Json = False
 
 @app.command()
 def report(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="run folder that `robustopt plan` wrote")],
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="run folder that robustopt wrote")],
     json: Json = False,
     quiet: Quiet = False,
 ) -> int:
@@ -161,6 +199,66 @@ def _plan(config: Config, out: Path | None, certify: Any, figures: bool, json: b
             _stop_if_interrupted()
     _show(data, run.place, json, quiet)
     return result.exit_code
+
+
+class _Execution(NamedTuple):
+    """Options of an execution."""
+
+    speed: float
+    workers: int
+    figures: bool
+    json: bool
+    quiet: bool
+
+
+class _Kept(int):
+    """Exit code of a command that was interrupted and has said itself what it kept."""
+
+
+def _execute_new(config: Config, out: Path | None, options: _Execution) -> int:
+    from robustopt.store import new_run
+
+    silent = options.json or options.quiet
+    with new_run(config.name, out) as run:
+        with _status("planning", silent):
+            from robustopt.execution_run import execute_plan, write_execution_run
+            from robustopt.experiment import plan_task, write_run
+            from robustopt.report import write_figures_and_page
+
+            planned = plan_task(config)
+            _stop_if_interrupted()
+        if planned.exit_code:
+            data, code = write_run(planned, run.folder, sys.argv[1:]), planned.exit_code
+        else:
+            with _trials(silent) as progress:
+                result = execute_plan(config, planned, options.workers, options.speed, progress)
+            _interruptions.clear()
+            data, code = write_execution_run(result, run.folder, sys.argv[1:]), result.exit_code
+        write_figures_and_page(planned, data, run.folder, options.figures)
+        _stop_if_interrupted()
+    return _end_execution(data, run.place, code, options)
+
+
+def _execute_stored(folder: Path, changes: Sequence[str], out: Path | None, options: _Execution) -> int:
+    from robustopt.store import new_run, read_summary
+
+    silent = options.json or options.quiet
+    with new_run(str(read_summary(folder)["name"]), out) as run:
+        with _trials(silent) as progress:
+            from robustopt.execution_run import execute_stored, write_execution_run
+            from robustopt.report import write_page
+
+            result = execute_stored(folder, changes, options.workers, options.speed, progress)
+        _interruptions.clear()
+        data = write_execution_run(result, run.folder, sys.argv[1:])
+        write_page(data, run.folder)
+        _stop_if_interrupted()
+    return _end_execution(data, run.place, result.exit_code, options)
+
+
+def _end_execution(data: dict[str, Any], place: Path, code: int, options: _Execution) -> int:
+    _show(data, place, options.json, options.quiet)
+    return _Kept(code) if code == INTERRUPTED else code
 
 
 def _dry_run(config: Config, json: bool, quiet: bool) -> int:
@@ -210,6 +308,25 @@ def _status(text: str, silent: bool) -> AbstractContextManager[object]:
     return nullcontext() if silent or not sys.stderr.isatty() else _console(stderr=True).status(text)
 
 
+@contextmanager
+def _trials(silent: bool) -> Iterator[Progress | None]:
+    """A bar of the trials done with the success so far, where a person is watching."""
+    if silent or not sys.stderr.isatty():
+        yield None
+        return
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    columns = (TextColumn("trials"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[success]}"))
+    with Bar(*columns, TimeRemainingColumn(), console=_console(stderr=True), transient=True) as bar:
+        task = bar.add_task("trials", total=None, success="")
+
+        def update(done: int, total: int, successes: int) -> None:
+            bar.update(task, completed=done, total=total, success=f"{successes / done:.1%} succeeded")
+
+        yield update
+
+
 def _show(data: dict[str, Any], place: Path, json: bool, quiet: bool) -> None:
     if json:
         failed = {} if data["status"] == "solved" else {"error": {"kind": data["status"], "message": data["message"]}}
@@ -238,12 +355,16 @@ def _fail(kind: str, message: str, code: int, json: bool, problems: Sequence[dic
     return code
 
 
+def _nothing_kept(code: int) -> bool:
+    return code == INTERRUPTED and not isinstance(code, _Kept)
+
+
 def run(arguments: Sequence[str]) -> int:
     """Run a command and return its exit code; what a person did wrong becomes a message, never a traceback."""
     json = "--json" in arguments
     try:
         code = app(list(arguments), prog_name="robustopt", standalone_mode=False) or 0
-        return _fail("Interrupted", _INTERRUPTED, code, json) if code == INTERRUPTED else int(code)
+        return _fail("Interrupted", _INTERRUPTED, code, json) if _nothing_kept(code) else int(code)
     except RobustOptError as error:
         problems = [vars(problem) for problem in error.problems] if isinstance(error, ConfigError) else []
         return _fail(type(error).__name__, str(error), error.exit_code, json, problems)

@@ -50,6 +50,7 @@ def headline(data: Mapping[str, Any]) -> str:
 def sections(data: Mapping[str, Any]) -> list[tuple[str, list[Row]]]:
     """The summary of a run under headings: what binds, certificate, why there is no plan, size, times."""
     parts = [
+        ("Executions", _executions(data["executions"]) if data.get("executions") else []),
         ("What binds, share of the duration", _binding(data.get("binding") or {})),
         ("Certificate", _certificate(data["certificate"]) if data.get("certificate") else []),
         ("Why there is no plan", _diagnosis(data["diagnosis"]) if data.get("diagnosis") else []),
@@ -64,6 +65,22 @@ def sections(data: Mapping[str, Any]) -> list[tuple[str, list[Row]]]:
 def rows(values: Mapping[str, Any]) -> list[Row]:
     """Names and values as lines."""
     return [Row(name.replace("_", " "), _cell(value)) for name, value in values.items() if value is not None]
+
+
+def _executions(executions: Mapping[str, Any]) -> list[Row]:
+    total = executions["trials"]
+    lines = [Row(name, f"{count:,}", count / total) for name, count in executions["statuses"].items()]
+    first = executions["first_failure"]
+    if first is not None:
+        where = f"{first['status']}, {first['what']}, at t = {first['t']:.3f} s, s = {first['s']:.4f}"
+        lines.append(Row("earliest failure", f"{where} in trial {first['trial']}"))
+    lines.append(Row("duration", f"{executions['duration']:.4f} s, {executions['speed']:g} times the plan's speed"))
+    feedback = executions["feedback"]
+    if feedback is not None:
+        for kind in ("mean", "deviation"):
+            values = ", ".join(f"{value:.3f}" for value in feedback[kind])
+            lines.append(Row(f"acceleration error {kind}", values))
+    return lines
 
 
 def _certificate(certificate: Mapping[str, Any]) -> list[Row]:

@@ -35,6 +35,7 @@ LAYERS = [
     ["learning"],
     ["store"],
     ["experiment"],
+    ["execution_run"],
     ["tables", "plotting"],
     ["report"],
     ["cli"],

@@ -26,8 +26,8 @@ class Executions:
     """Trials of a plan.
 
     outcomes: one per trial, in their order; requested: number of trials asked for, more than there are where the
-    execution was interrupted; confidence: level of `interval`; feedback: acceleration error, None without a sound
-    trial
+    execution was interrupted; duration: of the motion at this speed [s]; timestep [s] and number of steps of a trial;
+    confidence: level of `interval`; feedback: acceleration error, None without a sound trial
     """
 
     outcomes: tuple[TrialOutcome, ...]
@@ -36,6 +36,7 @@ class Executions:
     speed: float
     duration: float
     timestep: float
+    steps: int
     confidence: float
     feedback: Feedback | None
 
@@ -73,7 +74,7 @@ def execute(
     *,
     numbers: Sequence[int] | None = None,
     workers: int = 1,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Callable[[int, int, int], None] | None = None,
 ) -> Executions:
     """Run a plan in simulation against the world of `execution.truth`.
 
@@ -88,7 +89,7 @@ def execute(
         speed: the plan is run this many times as fast.
         numbers: which trials to run, instead of the first `trials`.
         workers: processes; threads share the cores that they leave.
-        progress: called with the trials done and the successes among them, after every chunk.
+        progress: called with the trials done, those asked for and the successes, after every chunk.
 
     Raises:
         ProblemInfeasible: the plan is empty.
@@ -106,8 +107,8 @@ def execute(
     gains = gains_of(config, plan.problem.robot, trajectory.at_gridpoints().q)
     outcomes, _ = run_all(Job(config, execution, gains, planned, seed), chosen, workers, progress)
     return Executions(
-        tuple(outcomes), len(chosen), seed, speed, trajectory.duration, execution.timestep, execution.confidence,
-        feedback_of(outcomes),
+        tuple(outcomes), len(chosen), seed, speed, trajectory.duration, execution.timestep,
+        len(planned.t), execution.confidence, feedback_of(outcomes),
     )  # fmt: skip
 
 

@@ -116,7 +116,7 @@ def share_cores(workers: int) -> tuple[int, int]:
 
 
 def run_all(
-    job: Job, trials: Sequence[int], workers: int, progress: Callable[[int, int], None] | None
+    job: Job, trials: Sequence[int], workers: int, progress: Callable[[int, int, int], None] | None
 ) -> tuple[list[TrialOutcome], bool]:
     """Outcomes of the trials in their order, and whether all were run; Ctrl-C keeps what was done before it."""
     processes, threads = share_cores(workers)
@@ -127,7 +127,7 @@ def run_all(
         for chunk in results:
             outcomes += chunk
             if progress is not None:
-                progress(len(outcomes), sum(outcome.success for outcome in outcomes))
+                progress(len(outcomes), len(trials), sum(outcome.success for outcome in outcomes))
     except KeyboardInterrupt:
         return outcomes, False
     return outcomes, True
