@@ -554,6 +554,8 @@ def test_misuse() -> None:
     plan = there_and_stop(config, 1.0)
     with pytest.raises(ValueError, match="quick, full"):
         certify(config, plan, "thorough")
+    with pytest.raises(SolverFailed, match="not finite"):
+        certify(config, SimpleNamespace(**vars(plan) | {"x": np.nan * plan.x}))
     plan.x = plan.u = np.zeros(0)
     plan.message = "No timing of the path satisfies the limits."
     with pytest.raises(SolverFailed, match="No timing"):

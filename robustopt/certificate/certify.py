@@ -132,12 +132,14 @@ def certify(config: Config, plan: Timing, level: str = "quick", seed: int = 0) -
 
     Looks at both ends of every interval of the grid and in between, with the configured values, with the worst ends of
     all intervals (searched), and with random values of everything at once. The same seed gives the same certificate.
-    Raises SolverFailed if the plan has no timing, and ValueError for an unknown level.
+    Raises SolverFailed if the plan has no timing or not a finite one, and ValueError for an unknown level.
     """
     if level not in LEVELS:
         raise ValueError(f"level must be one of {', '.join(LEVELS)}, not {level!r}")
     if len(plan.x) == 0:
         raise SolverFailed(f"there is no timing to check: {getattr(plan, 'message', 'the plan is empty')}")
+    if not (np.isfinite(plan.x).all() and np.isfinite(plan.u).all()):
+        raise SolverFailed("the timing has numbers that are not finite")
     began = time.perf_counter()
     how = LEVELS[level]
     scene = build_scene(config, plan.problem.robot.joint_names)
