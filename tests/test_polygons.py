@@ -1,0 +1,263 @@
+"""Feasible polygons against brute force: dense samples of (u, x), and every corner of the parameter box."""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import product
+
+import mechanics
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import waiter
+
+from robustopt.contact import patch_facets
+from robustopt.geometry import patches
+from robustopt.polygons import MAX_VERTICES, NO_NAME, Family, Loads, Polygons, cut, cut_affine, facet_family, start
+from robustopt.problem import TimeScalingProblem, build_problem
+from robustopt.rows import evaluate
+from robustopt.uncertainty import friction
+
+NONE, NO_TERMS = np.zeros((0, 0, 3)), np.zeros((0, 0, 0))
+
+
+def rectangles(count: int, u_bound: float = 2.0, x_max: float = 3.0) -> Polygons:
+    return start(np.full(count, u_bound), np.full(count, x_max), np.zeros(count, dtype=np.int64))
+
+
+def inside(polygons: Polygons, i: int, u: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """How far points lie inside a polygon by its vertices alone, negative outside."""
+    vertices = polygons.vertices[i, : polygons.sizes[i]]
+    if not len(vertices):
+        return np.full(u.shape, -np.inf)
+    after = np.roll(vertices, -1, axis=0)
+    edge = after - vertices
+    length = np.linalg.norm(edge, axis=1)
+    keep = length > 1e-9
+    left = edge[keep, 0] * (x[:, None] - vertices[keep, 1]) - edge[keep, 1] * (u[:, None] - vertices[keep, 0])
+    return np.asarray((left / length[keep]).min(axis=1))
+
+
+def random_loads(
+    rng: np.random.Generator, points: int, groups: int, terms: int, constant: int, remainder: int
+) -> Loads:
+    """Loads that hold at (0, small x): a weight along the last axis, and everything else small beside it."""
+    d = 6
+    nominal = rng.normal(size=(points, d, groups, 3))
+    nominal[:, :, :, 2] *= 0.1
+    nominal[:, 5, :, 2] += 3.0
+    return Loads(
+        nominal=nominal,
+        terms=0.2 * rng.normal(size=(points, d, terms, 3)),
+        group=rng.integers(groups, size=terms),
+        constant=0.1 * rng.normal(size=(points, d, constant)),
+        constant_group=rng.integers(groups, size=constant),
+        remainder=0.05 * rng.normal(size=(points, d, remainder, 3)),
+        remainder_group=rng.integers(groups, size=remainder),
+        lowest=rng.uniform(0.5, 1.0, groups),
+        highest=rng.uniform(1.0, 1.5, groups),
+    )
+
+
+# Cutting -------------------------------------------------------------------------------------------------
+
+
+def test_a_polygon_starts_as_its_rectangle() -> None:
+    polygons = start(np.array([2.0]), np.array([3.0]), np.array([4]))
+    np.testing.assert_allclose(polygons.vertices[0, :4], [[-2, 0], [2, 0], [2, 3], [-2, 3]])
+    assert polygons.names[0, :4].tolist() == [NO_NAME, NO_NAME, 4, NO_NAME]
+    for k in range(4):
+        ends = polygons.vertices[0, [k, (k + 1) % 4]]
+        np.testing.assert_allclose(ends @ polygons.rows[0, k, :2] + polygons.rows[0, k, 2], 0.0)
+
+
+def test_affine_cuts_keep_what_satisfies_all_rows() -> None:
+    rng = np.random.default_rng(0)
+    polygons, rows = rectangles(30), rng.normal(size=(30, 12, 3))
+    rows[:, :, 2] -= 1.0
+    cut_affine(polygons, rows, np.arange(12) + 1)
+    u, x = rng.uniform(-2, 2, 4000), rng.uniform(0, 3, 4000)
+    for i in range(30):
+        values = rows[i] @ np.stack([u, x, np.ones_like(u)])
+        holds = values.max(axis=0) <= 0
+        depth = inside(polygons, i, u, x)
+        assert (holds == (depth >= 0))[np.abs(depth) > 1e-9].all()
+        assert holds.any() == (polygons.sizes[i] > 0)
+
+
+def test_an_empty_polygon_stays_empty() -> None:
+    polygons = rectangles(2)
+    rows = np.array([[[0.0, 0.0, 1.0], [1.0, 0.0, -1.0]], [[0.0, 1.0, -1.0], [1.0, 0.0, -1.0]]])
+    cut_affine(polygons, rows, np.array([1, 2]))
+    assert polygons.sizes.tolist() == [0, 4]
+    cut_affine(polygons, np.array([[[1.0, 0.0, -0.5]]] * 2), np.array([3]))
+    assert polygons.sizes.tolist() == [0, 4]
+
+
+def test_copies_do_not_share_their_vertices() -> None:
+    polygons = rectangles(1)
+    copy = polygons.copy()
+    cut_affine(copy, np.array([[[1.0, 0.0, 0.0]]]), np.array([1]))
+    assert polygons.vertices[0, 1, 0] == 2.0
+    assert copy.sizes[0] == 4
+    assert copy.vertices[0, : copy.sizes[0], 0].max() == 0.0
+
+
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(
+    seed=st.integers(0, 10_000),
+    groups=st.integers(1, 3),
+    terms=st.integers(0, 4),
+    constant=st.integers(0, 3),
+    remainder=st.integers(0, 3),
+    own=st.booleans(),
+)
+def test_family_cuts_keep_what_holds_for_the_worst_parameters(
+    seed: int, groups: int, terms: int, constant: int, remainder: int, own: bool
+) -> None:
+    """Inside the polygon exactly where the row family, written out in numpy, holds."""
+    rng = np.random.default_rng(seed)
+    points, F = 4, 25
+    loads = random_loads(rng, points, groups, terms, constant, remainder)
+    B = rng.normal(size=(points, F, 6) if own else (F, 6))
+    B[..., 5] = -1.0
+    base = 0.2 * rng.normal(size=(points, F, 3)) if own else NONE
+    base_terms = 0.05 * rng.normal(size=(points, F, constant)) if own else NO_TERMS
+    polygons = rectangles(points)
+    cut(polygons, Family(B if own else B[None], loads, base, base_terms, np.arange(F) + 1))
+    u, x = rng.uniform(-2, 2, 500), rng.uniform(0, 3, 500)
+    for i in range(points):
+        at = np.full(500, i)
+        values = evaluate(
+            B[at] if own else B, loads.at(at), base[at] if own else NONE, base_terms[at] if own else NO_TERMS, u, x
+        )
+        holds = values.max(axis=1) <= 0
+        depth = inside(polygons, i, u, x)
+        assert (holds == (depth >= 0))[np.abs(depth) > 1e-7].all()
+
+
+@settings(max_examples=15, deadline=None, derandomize=True)
+@given(seed=st.integers(0, 10_000), groups=st.integers(1, 2), terms=st.integers(0, 3), constant=st.integers(0, 2))
+def test_family_cuts_are_exact_against_every_corner_of_the_box(
+    seed: int, groups: int, terms: int, constant: int
+) -> None:
+    """Masses, interval terms and errors enter linearly, each group by itself: their corners decide, and all count."""
+    rng = np.random.default_rng(seed)
+    F = 12
+    loads = random_loads(rng, 1, groups, terms, constant, 0)
+    B = rng.normal(size=(F, 6))
+    B[:, 5] = -1.0
+    polygons = rectangles(1)
+    cut(polygons, facet_family(B, loads, np.arange(F) + 1))
+    u, x = rng.uniform(-2, 2, 400), rng.uniform(0, 3, 400)
+    point = np.stack([u, x, np.ones_like(u)])
+    worst = np.full(400, -np.inf)
+    for masses in product(*zip(loads.lowest, loads.highest, strict=True)):
+        for signs in product((-1.0, 1.0), repeat=terms + constant):
+            load = np.zeros((6, 400))
+            for g in range(groups):
+                part = loads.nominal[0, :, g] @ point
+                part += np.einsum("dnk,km,n->dm", loads.terms[0], point, np.where(loads.group == g, signs[:terms], 0.0))
+                part += (loads.constant[0] @ np.where(loads.constant_group == g, signs[terms:], 0.0))[:, None]
+                load += masses[g] * part
+            worst = np.maximum(worst, (B @ load).max(axis=0))
+    depth = inside(polygons, 0, u, x)
+    assert ((worst <= 0) == (depth >= 0))[np.abs(depth) > 1e-7].all()
+
+
+def test_the_edges_of_a_polygon_are_the_rows_that_are_not_redundant() -> None:
+    rng = np.random.default_rng(5)
+    loads = random_loads(rng, 5, 2, 3, 2, 2)
+    B = rng.normal(size=(40, 6))
+    B[:, 5] = -1.0
+    polygons = rectangles(5)
+    cut(polygons, facet_family(B, loads, np.arange(40) + 1))
+    for i in range(5):
+        n = polygons.sizes[i]
+        assert 3 <= n <= MAX_VERTICES
+        for k in range(n):
+            ends = polygons.vertices[i, [k, (k + 1) % n]]
+            np.testing.assert_allclose(ends @ polygons.rows[i, k, :2] + polygons.rows[i, k, 2], 0.0, atol=1e-9)
+            if polygons.names[i, k] > 0:  # the affine piece is the family's value in the middle of its edge
+                u, x = ends.mean(axis=0)
+                value = evaluate(
+                    B[[polygons.names[i, k] - 1]], loads.at(np.array([i])), NONE, NO_TERMS, u[None], x[None]
+                )
+                assert abs(value[0, 0]) <= 1e-9
+
+
+# Problems ------------------------------------------------------------------------------------------------
+
+SMALL_BOX = (
+    "uncertainty={friction: [0.3, 0.6], mass: {upper: [0.4, 0.7], lower: [0.5, 0.6]}, "
+    "joint_acceleration: {mean: 0.05, deviation: [0.4, 0, 0.3, 0, 0.5, 0]}}"
+)
+FULL_BOX = (
+    "uncertainty={friction: [0.3, 0.6], mass: {upper: [0.4, 0.7]}, contact_points: 0.003, "
+    "center_of_mass: {upper: [0.004, 0.004, 0.01], lower: [0.004, 0.004, 0.01]}, joint_acceleration: {deviation: 0.3}}"
+)
+FEW = ("solver.collocation_points=12", "contact.cone_edges=6")
+
+
+@cache
+def robust_problem(uncertainty: str) -> TimeScalingProblem:
+    return build_problem(waiter("two_blocks", *FEW, uncertainty))
+
+
+def worst_contact(
+    problem: TimeScalingProblem, point: int, u: float, x: float, draws: list[mechanics.Draw], moves: list[np.ndarray]
+) -> float:
+    """Largest facet value of any interface over draws and displacements of its corners, as a fraction of the weight."""
+    config, lowest, worst = problem.config, friction(problem.config), -np.inf
+    for draw, move in zip(draws, moves, strict=True):
+        motion = mechanics.tray_motion(problem, point, u, x, draw.error)
+        for patch in patches(config):
+            corners = patch.polygon + move
+            centre = np.append(corners.mean(axis=0), patch.z)
+            facets = patch_facets(corners - centre[:2], lowest[patch.object], config.contact.cone_edges)
+            names = [patch.object] if patch.object == "upper" else ["lower", "upper"]
+            wrench = mechanics.required_wrench(config, names, draw, motion, centre)
+            worst = max(worst, float((facets @ wrench).max()) / (len(names) * 0.5 * 9.81))
+    return worst
+
+
+def contact_depth(problem: TimeScalingProblem, point: int, u: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Largest contact row of a grid point at (u, x)."""
+    named = [name.startswith(("slip", "tipping")) for name in problem.row_names]
+    a, b, c = (rows[point, named] for rows in (problem.a, problem.b, problem.c))
+    return np.asarray((a * u[:, None] + b * x[:, None] + c).max(axis=1))
+
+
+def test_contact_rows_of_a_problem_are_exact_for_masses_and_acceleration_errors() -> None:
+    """Every corner by Newton and Euler. Errors common to bodies of uncertain mass are counted per body: within 2 %."""
+    problem = robust_problem(SMALL_BOX).only(
+        [name for name in robust_problem(SMALL_BOX).limits.names if name.startswith(("slip", "tipping"))]
+    )
+    draws = list(mechanics.corners(problem))
+    assert len(draws) == 32
+    rng, on_both_sides = np.random.default_rng(0), [0, 0]
+    for point in (2, 7):
+        u, x = rng.uniform(-1.2, 1.2, 25), rng.uniform(0, 0.3, 25)
+        rows = contact_depth(problem, point, u, x)
+        for k in range(25):
+            worst = worst_contact(problem, point, u[k], x[k], draws, [np.zeros(2)] * len(draws))
+            if abs(worst) > 0.02:
+                assert (rows[k] <= 0) == (worst <= 0), (worst, rows[k])
+                on_both_sides[int(worst > 0)] += 1
+            assert worst <= 1e-6 or rows[k] > 0
+    assert min(on_both_sides) >= 5
+
+
+def test_rows_of_a_problem_hold_for_every_draw_inside_them() -> None:
+    """All five kinds of uncertainty: what the rows allow, no draw of the parameters forbids."""
+    problem = robust_problem(FULL_BOX)
+    rng, tried = np.random.default_rng(1), 0
+    for point in (2, 5, 7):
+        u, x = rng.uniform(-0.8, 0.8, 40), rng.uniform(0, 0.2, 40)
+        values = problem.a[point] * u[:, None] + problem.b[point] * x[:, None] + problem.c[point]
+        for k in np.flatnonzero(values.max(axis=1) <= 0):
+            draws = list(mechanics.random_draws(problem, 12, rng))
+            moves = [0.003 * rng.choice([-1.0, -0.5, 1.0], size=(4, 2)) for _ in draws]
+            assert worst_contact(problem, point, u[k], x[k], draws, moves) <= 1e-6
+            tried += 1
+    assert tried >= 10
