@@ -1,0 +1,242 @@
+"""How long planning takes, side by side with other solvers of the same rows and with the paper.
+
+    python experiments/bench_planning.py [--quick] [--out results/benchmarks]
+
+Writes planning.csv, planning.md and planning.svg (and .png): `make bench`. A few minutes; `--quick` is for the tests.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import contenders
+import numpy as np
+from bench_figure import Record
+from bench_report import write_report
+from timing import interleaved, machine_facts, spread
+
+from robustopt.config import Config, load_config
+from robustopt.errors import RobustOptError
+from robustopt.path import build_path
+from robustopt.problem import TimeScalingProblem, build_rows
+from robustopt.robot import load_robot
+from robustopt.timescaling import Plan, Status, solve
+from robustopt.timescaling.plan import duration_of
+from robustopt.timescaling.reachability import solve_reachability
+
+ROOT = Path(__file__).resolve().parents[1]
+TWO_BLOCKS, SIDE_BY_SIDE = "waiter_two_blocks", "waiter_side_by_side"
+PACKAGES = ("numpy", "numba", "casadi", "highspy", "mujoco", "toppra", "copp-py")
+
+FRICTION_ACCELERATION = "uncertainty={friction: [0.4, 0.6], joint_acceleration: {deviation: 0.3}}"
+ALL_FIVE = """uncertainty={friction: [0.4, 0.6], joint_acceleration: {deviation: 0.3}, contact_points: 0.002,
+  center_of_mass: {lower: [0.003, 0.003, 0.01], upper: [0.003, 0.003, 0.01]},
+  mass: {lower: [0.45, 0.55], upper: [0.45, 0.55]}}"""
+CASES = {"none": "uncertainty={}", "friction, acceleration": FRICTION_ACCELERATION, "all five": ALL_FIVE}
+
+PAPER_FIGURE_3 = {200: 10.0, 2000: 40.0}
+"""Seconds by N, read off the paper's figure 3: about 10 s, and over 40 s; two blocks, 8 contact points, 2.9 GHz."""
+
+REFERENCE = 1000
+"""N whose time per collocation point the others are compared with: fixed costs hardly count there."""
+
+
+@dataclass(frozen=True)
+class Size:
+    """How much is measured: numbers of collocation points and repetitions of each part."""
+
+    rows: tuple[int, ...] = (100, 200, 500, 1000, 2000, 5000)
+    whole: tuple[int, ...] = (100, 200, 500, 1000, 2000, 5000)
+    split: tuple[int, ...] = (50, 100, 200, 500, 1000, 2000)
+    grids: tuple[int, ...] = (50, 100, 200, 500, 1000, 2000, 5000)
+    repetitions: int = 21
+    whole_repetitions: int = 9
+    split_repetitions: int = 3
+    cold: int = 5
+    from_source: int = 2
+    configs: tuple[str, ...] = tuple(sorted(path.stem for path in (ROOT / "configs").glob("waiter_*.yaml")))
+
+
+QUICK = Size((20, 40), (20, 40), (20,), (20, 40, 80), 2, 2, 1, 1, 0, (TWO_BLOCKS, SIDE_BY_SIDE))
+
+
+def configured(name: str, points: int, *overrides: str) -> Config:
+    return load_config(ROOT / "configs" / f"{name}.yaml", [f"solver.collocation_points={points}", *overrides])
+
+
+def task(name: str, *overrides: str) -> Callable[[int], TimeScalingProblem]:
+    """The problem of a config for any N, its robot and path at hand: they do not depend on N."""
+    config = configured(name, 200, *overrides)
+    robot = load_robot(config)
+    path = build_path(config, robot)
+    return lambda points: build_rows(configured(name, points, *overrides), robot, path)
+
+
+def solved(problem: TimeScalingProblem, method: str = "reachability") -> Plan:
+    plan = solve(problem, method)
+    if plan.status is not Status.SOLVED:
+        raise SystemExit(f"{problem.config.name}, {len(problem.s)} grid points, {method}: {plan.message}")
+    return plan
+
+
+def solver_stage(size: Size) -> Iterator[Record]:
+    """The same rows to every solver; ratios are medians over the rounds in which the solvers took turns."""
+    for name in (TWO_BLOCKS, SIDE_BY_SIDE):
+        build = task(name)
+        for points in size.rows:
+            problem = build(points)
+            rows = contenders.rows_of(problem)
+            calls = {solver: prepare(rows) for solver, prepare in contenders.CONTENDERS.items()}
+            durations = {solver: duration_of(problem.ds, call()) for solver, call in calls.items()}
+            durations[contenders.STAGE] = solve_reachability(problem).duration
+            seconds = interleaved({contenders.STAGE: partial(solve_reachability, problem), **calls}, size.repetitions)
+            for solver, times in seconds.items():
+                yield {
+                    "part": "solver stage",
+                    "config": name,
+                    "solver": solver,
+                    "N": points,
+                    "rows": rows.a.shape[1],
+                    **spread(times),
+                    "times_passes": float(np.median(times / seconds[contenders.OURS])),
+                    "times_stage": float(np.median(times / seconds[contenders.STAGE])),
+                    "duration": durations[solver],
+                    "longer": durations[solver] / durations[contenders.OURS] - 1,
+                }
+
+
+def cold_start(size: Size) -> Iterator[Record]:
+    """First call in a fresh process, the solvers taking turns; ours also with nothing compiled yet."""
+    points = size.rows[1]
+    runs: dict[str, list[dict[str, float]]] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "rows.npz"
+        contenders.rows_of(task(TWO_BLOCKS)(points)).save(file)
+        for _ in range(size.cold):
+            for solver in contenders.CONTENDERS:
+                runs.setdefault(solver, []).append(_fresh(solver, file, {}))
+        for turn in range(size.from_source):
+            run = _fresh(contenders.OURS, file, {"NUMBA_CACHE_DIR": str(Path(folder) / f"empty{turn}")})
+            runs.setdefault(f"{contenders.OURS}, nothing compiled", []).append(run)
+    for solver, measured in runs.items():
+        yield {
+            "part": "cold start",
+            "config": TWO_BLOCKS,
+            "solver": solver,
+            "N": points,
+            **spread(np.array([run["first"] for run in measured])),
+            "import_seconds": float(np.median([run["import"] for run in measured])),
+            "second_seconds": float(np.median([run["second"] for run in measured])),
+        }
+
+
+def _fresh(solver: str, file: Path, environment: dict[str, str]) -> dict[str, float]:
+    command = [sys.executable, contenders.__file__, solver, str(file)]
+    run = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True, env={**os.environ, **environment})
+    return dict(json.loads(run.stdout))
+
+
+def whole_plan(size: Size) -> Iterator[Record]:
+    """From the config object to the plan, robot and path at hand; and these two by themselves."""
+    config = configured(TWO_BLOCKS, 200)
+    robot = load_robot(config)
+    path = build_path(config, robot)
+    steps: dict[str, Callable[[], object]] = {
+        "robot": partial(load_robot, config),
+        "path": partial(build_path, config, robot),
+    }
+    for step, times in interleaved(steps, size.repetitions).items():
+        yield {"part": "whole plan", "config": TWO_BLOCKS, "solver": step, **spread(times)}
+
+    def plan(config: Config) -> Plan:
+        return solved(build_rows(config, robot, path))
+
+    configs = {(case, points): configured(TWO_BLOCKS, points, CASES[case]) for points in size.whole for case in CASES}
+    durations = {key: plan(config).duration for key, config in configs.items()}
+    seconds = interleaved({key: partial(plan, config) for key, config in configs.items()}, size.whole_repetitions)
+    base = REFERENCE if REFERENCE in size.whole else size.whole[0]
+    for (case, points), times in seconds.items():
+        yield {
+            "part": "whole plan",
+            "config": TWO_BLOCKS,
+            "uncertainty": case,
+            "solver": contenders.PLAN,
+            "N": points,
+            **spread(times),
+            "per_point": float(np.median(times / points / (seconds[case, base] / base))),
+            "duration": durations[case, points],
+        }
+
+
+def papers_split(size: Size) -> Iterator[Record]:
+    """Ipopt outside, linear programs over the contact forces inside, beside the paper's computing times."""
+    builds = {case: task(TWO_BLOCKS, CASES[case]) for case in ("none", "all five")}
+    problems = {(case, points): build(points) for case, build in builds.items() for points in size.split}
+    calls = {key: partial(solved, problem, "ipopt") for key, problem in problems.items()}
+    seconds = interleaved(calls, size.split_repetitions)
+    for (case, points), problem in problems.items():
+        plan, fastest = solved(problem, "ipopt"), solved(problem)
+        record: Record = {
+            "part": "paper's split",
+            "config": TWO_BLOCKS,
+            "uncertainty": case,
+            "solver": contenders.IPOPT,
+            "N": points,
+            **spread(seconds[case, points]),
+            "duration": plan.duration,
+            "longer": plan.duration / fastest.duration - 1,
+            "rounds": int(plan.statistics["rounds"]),
+            "inner_programs": int(plan.statistics["inner_programs"]),
+            "inner_seconds": plan.statistics["inner_seconds"],
+        }
+        yield {**record, "paper_seconds": PAPER_FIGURE_3[points]} if points in PAPER_FIGURE_3 else record
+
+
+def discretisation(size: Size) -> Iterator[Record]:
+    """Duration against that on the finest grid, every waiter config."""
+    for name in size.configs:
+        try:
+            build = task(name)
+        except RobustOptError as error:
+            print(f"left out: {name}: {error}", file=sys.stderr)
+            continue
+        durations = {points: solved(build(points)).duration for points in size.grids}
+        for points, duration in durations.items():
+            excess = duration / durations[size.grids[-1]] - 1
+            yield {
+                "part": "discretisation",
+                "config": name,
+                "solver": "reachability",
+                "N": points,
+                "duration": duration,
+                "excess": excess,
+            }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Computing times of planning: CSV, Markdown and a figure.")
+    parser.add_argument("--quick", action="store_true", help="small and few: to see that it runs")
+    parser.add_argument("--out", type=Path, default=ROOT / "results" / "benchmarks")
+    arguments = parser.parse_args()
+    size = QUICK if arguments.quick else Size()
+    began, machine = time.perf_counter(), machine_facts(PACKAGES)
+    records: list[Record] = []
+    for part in (solver_stage, cold_start, whole_plan, papers_split, discretisation):
+        records += part(size)
+        print(f"{time.perf_counter() - began:6.1f} s  {part.__name__}", flush=True)
+    for path in write_report(records, machine, arguments.out):
+        print(path)
+
+
+if __name__ == "__main__":
+    main()

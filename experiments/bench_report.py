@@ -1,0 +1,190 @@
+"""What `bench_planning.py` writes: all records as CSV, the goals and the measurements in Markdown, and the figure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+
+from bench_figure import Record, write_figure
+from contenders import COPP, TOPPRA
+
+from robustopt.tables import Column, Table, csv_text, markdown_text
+
+Goal = dict[str, str | bool]
+
+GOAL_POINTS = (200, 1000, 2000)
+
+SAME = 1e-8
+"""Durations closer than this part are the same: rows hold to 1e-9 of their limits."""
+
+NOISE = 0.1
+"""Part by which the time per collocation point may seem to grow: what the medians of a linear one scatter by."""
+
+KEYS = (
+    "part", "config", "uncertainty", "solver", "N", "rows", "seconds", "lower_quartile", "upper_quartile",
+    "repetitions", "times_passes", "times_stage", "per_point", "duration", "longer", "excess", "import_seconds",
+    "second_seconds", "rounds", "inner_programs", "inner_seconds", "paper_seconds",
+)  # fmt: skip
+
+INTRODUCTION = """# Planning: computing times
+
+Written by `make bench`. Every time is the median of repeated measurements, and every ratio the median of the ratios
+within one round: the contenders take turns (A B C A B C ...), so that whatever else the machine does slows all of them.
+"""
+
+SOLVER_STAGE = """## Solver stage: the same rows
+
+The rows of `build_problem`, redundant ones removed, without padding; the contenders satisfy them at both ends of every
+interval. Where the path has stops, toppra and copp-py solve piece by piece, and the times are added. Constructing their
+problems is not counted. "passes" is the backward and the forward pass of `reachability`, which give what the contenders
+give; "all" is `solve_reachability`, which also bounds the distance to the optimum, polishes where the forward pass is
+not optimal, and names the limits that bind on every interval. Warm; a call shorter than 2 ms is repeated for that long.
+"""
+
+COLD_START = """## Cold: the first call in a fresh process
+
+Import of the solver with construction of its problem, the first call and the second; two blocks. The compiled code of
+`reachability` is kept on disk after its first use ever; the last line has nothing kept.
+"""
+
+WHOLE_PLAN = """## Whole plan in process
+
+From the config object to the plan by `reachability`: grid, dynamics, rows (16 cone edges), solve; two blocks. Apart:
+the robot and its path by inverse kinematics, which do not depend on N, and the certificate. "Per point" is the time per
+collocation point against that at N = 1000.
+"""
+
+PAPERS_SPLIT = """## The paper's split
+
+Ipopt outside, one linear program over the contact forces per grid point inside, until all of them are feasible; two
+blocks. The paper's figures are read off its figure 3: about 10 s at N = 200, and over 40 s at N = 2000, on a laptop of
+2.9 GHz with SNOPT and GLPK, with its own path and an unknown set of intervals: beside ours, not the same task.
+"""
+
+DISCRETISATION = """## Discretisation
+
+Duration at N against that at N = {finest}, minus 1 [%], by `reachability`, with the uncertainty of each config.
+"""
+
+
+def write_report(records: Sequence[Record], machine: str, folder: Path) -> list[Path]:
+    """Write planning.csv, planning.md, planning.svg and planning.png, and return the files."""
+    folder.mkdir(parents=True, exist_ok=True)
+    table = Table(tuple(Column(key, key) for key in KEYS), tuple(records))
+    parts = [
+        INTRODUCTION, machine + "\n", "## Goals\n", markdown_text(goals(records)), "![computing time](planning.svg)\n",
+        SOLVER_STAGE, markdown_text(_solver_stage(records)), COLD_START, markdown_text(_cold_start(records)),
+        WHOLE_PLAN, markdown_text(_whole_plan(records)), PAPERS_SPLIT, markdown_text(_papers_split(records)),
+        _discretisation(records),
+    ]  # fmt: skip
+    (folder / "planning.csv").write_text(csv_text(table), encoding="utf-8")
+    (folder / "planning.md").write_text("\n".join(parts), encoding="utf-8")
+    return [folder / "planning.csv", folder / "planning.md", *write_figure(records, folder)]
+
+
+def select(records: Iterable[Record], part: str, **entries: object) -> list[Record]:
+    """Records of a part with these entries; an entry given as a tuple may be any of it."""
+    wanted = {key: value if isinstance(value, tuple) else (value,) for key, value in entries.items()}
+    return [r for r in records if r["part"] == part and all(r.get(key) in value for key, value in wanted.items())]
+
+
+def goals(records: Sequence[Record]) -> Table:
+    """What was to be reached, and what was; what has not been measured is left out."""
+    lines = [*_stage_goals(records), *_plan_goals(records)]
+    columns = tuple(Column(key, key) for key in ("what", "goal", "measured", "reached"))
+    return Table(columns, tuple(line for line in lines if line["measured"]))
+
+
+def _goal(what: str, limit: float, values: list[float], form: str = ".1f", tolerance: float = 0.0) -> Goal:
+    """A goal that the largest value stays at or below a limit."""
+    worst = max(values, default=0.0)
+    measured = format(worst, form) if values else ""
+    return {"what": what, "goal": f"at most {limit:g}", "measured": measured, "reached": worst <= limit + tolerance}
+
+
+def _stage_goals(records: Sequence[Record]) -> Iterator[Goal]:
+    for solver, factor in ((TOPPRA, 20), (COPP, 3)):
+        theirs = select(records, "solver stage", N=GOAL_POINTS, solver=solver)
+        if theirs:
+            passes, everything = (min(float(r[key]) for r in theirs) for key in ("times_passes", "times_stage"))
+            yield {
+                "what": f"{solver}: its time over that of the passes (of all), least at N = 200, 1000, 2000",
+                "goal": f"at least {factor}",
+                "measured": f"{passes:.1f} ({everything:.2g})",
+                "reached": passes >= factor,
+            }
+    theirs = select(records, "solver stage", N=GOAL_POINTS, solver=(TOPPRA, COPP))
+    yield _goal(
+        "duration against theirs, relative excess", SAME, [1 / (1 + float(r["longer"])) - 1 for r in theirs], ".0e"
+    )
+
+
+def _plan_goals(records: Sequence[Record]) -> Iterator[Goal]:
+    for case, limit in (("friction, acceleration", 15), ("all five", 60)):
+        seconds = [1e3 * float(r["seconds"]) for r in select(records, "whole plan", uncertainty=case, N=200)]
+        yield _goal(f"whole plan, N = 200, intervals: {case} [ms]", limit, seconds)
+    growth = [float(r["per_point"]) for r in select(records, "whole plan", N=(2000, 5000))]
+    yield _goal("whole plan: time per point at N = 2000 and 5000 against N = 1000", 1, growth, ".2f", NOISE)
+    for points, limit in ((200, 2), (2000, 20)):
+        seconds = [float(r["seconds"]) for r in select(records, "paper's split", N=points)]
+        yield _goal(f"ipopt with inner programs, N = {points} [s]", limit, seconds, ".2f")
+    excess = [100 * float(r["excess"]) for r in select(records, "discretisation", N=200)]
+    yield _goal("duration at N = 200 above that on the finest grid, worst config [%]", 0.3, excess, ".3f")
+
+
+def _scaled(records: Iterable[Record], factor: float, *keys: str) -> tuple[Record, ...]:
+    return tuple({**r, **{key: factor * float(r[key]) for key in keys if key in r}} for r in records)
+
+
+def _solver_stage(records: Sequence[Record]) -> Table:
+    columns = (
+        Column("config", "config"), Column("N", "N"), Column("rows", "rows per point"), Column("solver", "solver"),
+        Column("seconds", "time [ms]", ".3f"), Column("times_passes", "times passes", ".2f"),
+        Column("times_stage", "times all", ".2f"), Column("duration", "duration [s]", ".6f"),
+        Column("longer", "longer than passes", ".1e"),
+    )  # fmt: skip
+    return Table(columns, _scaled(select(records, "solver stage"), 1e3, "seconds"))
+
+
+def _cold_start(records: Sequence[Record]) -> Table:
+    columns = (
+        Column("solver", "solver"), Column("N", "N"), Column("import_seconds", "import [ms]", ".0f"),
+        Column("seconds", "first call [ms]", ".2f"), Column("second_seconds", "second call [ms]", ".3f"),
+    )  # fmt: skip
+    return Table(columns, _scaled(select(records, "cold start"), 1e3, "import_seconds", "seconds", "second_seconds"))
+
+
+def _whole_plan(records: Sequence[Record]) -> Table:
+    columns = (
+        Column("solver", "step"), Column("uncertainty", "intervals"), Column("N", "N"),
+        Column("seconds", "time [ms]", ".1f"), Column("lower_quartile", "lower quartile", ".1f"),
+        Column("upper_quartile", "upper quartile", ".1f"), Column("per_point", "per point", ".2f"),
+        Column("duration", "duration [s]", ".4f"),
+    )  # fmt: skip
+    return Table(columns, _scaled(select(records, "whole plan"), 1e3, "seconds", "lower_quartile", "upper_quartile"))
+
+
+def _papers_split(records: Sequence[Record]) -> Table:
+    columns = (
+        Column("uncertainty", "intervals"), Column("N", "N"), Column("seconds", "time [s]", ".2f"),
+        Column("paper_seconds", "paper, about [s]", ".0f"), Column("rounds", "rounds"),
+        Column("inner_programs", "inner programs"), Column("inner_seconds", "of it in inner programs [s]", ".2f"),
+        Column("duration", "duration [s]", ".6f"), Column("longer", "longer than reachability", ".1e"),
+    )  # fmt: skip
+    return Table(columns, tuple(select(records, "paper's split")))
+
+
+def _discretisation(records: Sequence[Record]) -> str:
+    """One line per config, one column per N."""
+    measured = select(records, "discretisation")
+    points = sorted({int(r["N"]) for r in measured})
+    lines: dict[str, dict[str, float | int | str]] = {}
+    for r in measured:
+        line = lines.setdefault(str(r["config"]), {"config": str(r["config"])})
+        line[f"N{r['N']}"] = 100 * float(r["excess"])
+        line["duration"] = float(r["duration"])
+    columns = (
+        Column("config", "config"), *(Column(f"N{n}", str(n), ".3f") for n in points[:-1]),
+        Column("duration", f"duration at {points[-1]} [s]", ".4f"),
+    )  # fmt: skip
+    return DISCRETISATION.format(finest=points[-1]) + "\n" + markdown_text(Table(columns, tuple(lines.values())))
