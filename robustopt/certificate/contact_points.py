@@ -138,8 +138,10 @@ def simply_held(contacts: Contacts, wrench: Array) -> Flags:
 
 
 def _polygons(points: int) -> list[slice]:
-    """All points, and if they are many also every so-manieth: what is round is not convex any more once its points have
-    been displaced, but four or five of them still are."""
+    """All points, and if they are many also some polygons of four or five of them.
+
+    What is round is not convex any more once its points have been displaced, but a few of them still are.
+    """
     step = points // 4
     return [slice(None)] + [slice(first, None, step) for first in range(step)] * (points > 8)
 

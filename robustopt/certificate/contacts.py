@@ -50,8 +50,8 @@ def check_contacts(
 ) -> None:
     """Worst utilisation of one contact system.
 
-    At every so-manieth instant the search starts from each of `starts` (T sets of values). All instants are then tried
-    with the worst values of the nearest of these. The worst of all are tried at all instants too; for bridges, for
+    The search starts from each of `starts` (T sets of values), at every `how.every`-th instant. All instants are then
+    tried with the worst values of the nearest of these. The worst of all are tried at all instants too; for bridges, for
     which there is no quick test, at the searched ones only.
     """
     search = _Search(scene, motion, system, how.gap, tally)
@@ -105,9 +105,9 @@ class _Search:
         rest, move = system_load(self.system, body_loads(self.scene, tray_motion(there, values.error), values))
         level = np.maximum(self._level()[index], 0.0)
         contacts = self.scene.contacts(self.system, values)
-        open_ = ~(simply_held(contacts, rest) & simply_held(contacts, level * rest + move))
+        doubtful = ~(simply_held(contacts, rest) & simply_held(contacts, level * rest + move))
         self.tally.tests += len(index)
-        return index[open_], values.at(np.flatnonzero(open_))
+        return index[doubtful], values.at(np.flatnonzero(doubtful))
 
     def _try(self, index: Indices, values: Parameters, enough: Array | float) -> Gauge:
         solution = solve(self.scene, self.motion.at(index), self.system, values, self.gap, enough)
