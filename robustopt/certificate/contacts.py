@@ -51,8 +51,8 @@ def check_contacts(
     """Worst utilisation of one contact system.
 
     The search starts from each of `starts` (T sets of values), at every `how.every`-th instant. All instants are then
-    tried with the worst values of the nearest of these. The worst of all are tried at all instants too; for bridges, for
-    which there is no quick test, at the searched ones only.
+    tried with the worst values of the nearest of these. The worst of all are tried at all instants too; for bridges,
+    for which there is no quick test, at the searched ones only.
     """
     search = _Search(scene, motion, system, how.gap, tally)
     every, rounds = how.every, how.rounds
