@@ -41,8 +41,10 @@ def solve_reachability(problem: TimeScalingProblem) -> Plan:
     polished = gap > OPTIMALITY_GAP
     if polished:
         better, left = polish(problem.a, problem.b, problem.c, problem.x_max, problem.ds, x)
+        lower = duration_of(problem.ds, better) - left
         if duration_of(problem.ds, better) < duration_of(problem.ds, x):
-            x, gap = better, min(gap, left / duration_of(problem.ds, better))
+            x = better
+        gap = min(gap, 1.0 - lower / duration_of(problem.ds, x))
     statistics = {"solver_seconds": time.perf_counter() - began, "optimality_gap": gap, "polished": float(polished)}
     return solved_plan(problem, x, "reachability", statistics)
 
