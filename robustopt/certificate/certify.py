@@ -10,17 +10,21 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from robustopt.certificate.contacts import Thoroughness, check_contacts
 from robustopt.certificate.draws import check_draws
 from robustopt.certificate.joints import check_kinematics, check_torque
-from robustopt.certificate.motion import Instants, Motion, Timing, instants, motion
+from robustopt.certificate.motion import Instants, Motion, instants, motion
 from robustopt.certificate.scene import Scene, build_scene
 from robustopt.certificate.tally import Found, Tally
 from robustopt.config import Config
 from robustopt.errors import SolverFailed
+
+if TYPE_CHECKING:
+    from robustopt.timescaling import Plan
 
 GRID_TOLERANCE = 1e-6
 """Violation on the grid that is forgiven, as a share of the limit: solvers meet their rows to about 1e-8, and the gauge
@@ -127,7 +131,7 @@ class Certificate:
         return f"The plan {verdict} its certificate ({effort}). {self.worst}."
 
 
-def certify(config: Config, plan: Timing, level: str = "quick", seed: int = 0) -> Certificate:
+def certify(config: Config, plan: Plan, level: str = "quick", seed: int = 0) -> Certificate:
     """Check a plan: `quick` within about a second, `full` with 10,000 random draws and more of the worst cases.
 
     Looks at both ends of every interval of the grid and in between, with the configured values, with the worst ends of
@@ -194,7 +198,7 @@ def _check(scene: Scene, moving: Motion, how: Level, rng: np.random.Generator, t
     return 2 * draws
 
 
-def _check_timing(plan: Timing, at: Instants, tally: Tally) -> None:
+def _check_timing(plan: Plan, at: Instants, tally: Tally) -> None:
     """x piecewise linear with slope 2 u, not negative, and 0 where the robot must stand still."""
     ds = np.diff(plan.s)
     moving = ds > 0.0

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from robustopt.certificate.contact_points import Array
 from robustopt.certificate.contacts import solve
 from robustopt.certificate.force_closure import GAP
 from robustopt.certificate.loads import body_loads, cross, tray_motion
-from robustopt.certificate.motion import Motion, Timing, instants, motion
+from robustopt.certificate.motion import Motion, instants, motion
 from robustopt.certificate.scene import Scene, System, build_scene
 from robustopt.config import Config
 
+if TYPE_CHECKING:
+    from robustopt.timescaling import Plan
 
-def interface_utilisation(config: Config, plan: Timing) -> tuple[Array, dict[str, tuple[Array, Array]]]:
+
+def interface_utilisation(config: Config, plan: Plan) -> tuple[Array, dict[str, tuple[Array, Array]]]:
     """Utilisation of every interface at both ends of each interval of the grid, in the order of time.
 
     Returns the times (M,) [s], each inner one twice as u jumps there, and by the name of the interface ("upper on

@@ -9,57 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from robustopt.certificate.contact_points import Array, Flags, Indices
 
-
-class JointLimits(Protocol):
-    lower: Array
-    upper: Array
-    velocity: Array
-    acceleration: Array
-    torque: Array
-    dry_friction: Array
-    viscous_friction: Array
-
-
-class _Dynamics(Protocol):
-    tau_u: Array
-    tau_x: Array
-    tau_0: Array
-    mass_matrix: Array
-    jacobian: Array
-    bias: Array
-    gravity: Array
-
-
-class _Robot(Protocol):
-    joint_names: tuple[str, ...]
-    limits: JointLimits
-
-    def dynamics(self, q: Array, q1: Array, q2: Array) -> _Dynamics: ...
-
-
-class _Path(Protocol):
-    def evaluate(self, s: Array, piece: Indices, order: int = 0) -> Array: ...
-
-
-class _Problem(Protocol):
-    path: _Path
-    robot: _Robot
-
-
-class Timing(Protocol):
-    """What a certificate reads of a plan."""
-
-    s: Array
-    piece: Indices
-    x: Array
-    u: Array
-    problem: _Problem
+if TYPE_CHECKING:
+    from robustopt.robot import JointLimits
+    from robustopt.timescaling import Plan
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +40,7 @@ class Instants:
     node_piece: Indices
 
 
-def instants(plan: Timing, between: Sequence[float], every: int = 1) -> Instants:
+def instants(plan: Plan, between: Sequence[float], every: int = 1) -> Instants:
     """Instants of every `every`-th interval: both ends and the shares `between` of its length, and all standstills."""
     ds = np.diff(plan.s)
     root = np.sqrt(np.maximum(plan.x, 0.0))
@@ -156,7 +114,7 @@ class Motion:
         return {field.name: getattr(self, field.name) for field in fields(self) if field.name != "limits"}
 
 
-def motion(plan: Timing, at: Instants) -> Motion:
+def motion(plan: Plan, at: Instants) -> Motion:
     """The motion of a plan at some instants."""
     robot, path = plan.problem.robot, plan.problem.path
     q, q1, q2 = (path.evaluate(at.node_s, at.node_piece, order) for order in range(3))
