@@ -1,0 +1,146 @@
+"""The fastest plan that meets a stated success rate with a stated confidence: `ilrobs-calibrated` (ours)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from math import ceil, log, log1p, log2, sqrt
+from typing import ClassVar
+
+from robustopt.errors import ConfigError
+from robustopt.learning.learner import Belief, End, Learner, Result, Row, State, Trial
+from robustopt.learning.moments import ErrorInterval, Moments, interval_of
+from robustopt.learning.sequential import SequentialTest, Verdict, shortest_acceptance
+from robustopt.learning.settings import require_friction, require_level, require_positive
+
+
+@dataclass(frozen=True)
+class CalibratedState(State):
+    """chain: which K is searched; low, high, halvings: of mu in that chain; errors: of the first chain's executions."""
+
+    low: float = 0.0
+    high: float = 1.0
+    chain: int = 0
+    halvings: int = 0
+    errors: Moments = field(default_factory=Moments)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Calibrated(Learner[CalibratedState]):
+    """Searches (mu, K) for the fastest plan whose success rate is at least p, by sequential tests.
+
+    One chain for each K: mu is halved geometrically between its bounds. A belief without a plan, or whose plan is not
+    faster than the best accepted one by `resolution`, is passed over without executions, and mu goes up. A plan that
+    its test accepts becomes the best, and mu goes up; any other lowers mu. The first chain has K = 0, plans without
+    acceleration errors; its executions give the U and Delta of the others. A chain halves until its ends differ by
+    `resolution` in duration where friction alone binds, T ~ 1 / sqrt(mu).
+
+    **Error.** At most M = (number of K) * (halvings of a chain) tests are made. Each has the level (1 - confidence) / M
+    and executions of its own. Given all that went before, which includes the choice of the plan, the j-th test accepts
+    a plan of a rate below p with probability at most its level (`SequentialTest`); so without that condition too. By
+    the union bound over j, the probability that *any* plan of a rate below p is ever accepted, the best one among
+    them, is at most 1 - confidence. This needs that executions of one plan are independent with one success rate. It
+    needs nothing else: no monotone success, no right U and Delta; these only help to find a fast plan.
+
+    rate: p; confidence; friction: bounds of mu, above 0; resolution: relative difference of durations that matters;
+    K_values: from 0; futility: largest probability to reject a plan that meets p; patience: a test gives up after this
+    many times the executions that an acceptance takes at least
+    """
+
+    name: ClassVar[str] = "ilrobs-calibrated"
+    state_type: ClassVar[type[State]] = CalibratedState
+
+    rate: float = 0.9
+    confidence: float = 0.95
+    friction: tuple[float, float] = (0.05, 1.0)
+    resolution: float = 0.02
+    K_values: tuple[float, ...] = (0.0, 0.5, 1.0, 2.0)
+    futility: float = 0.05
+    patience: float = 3.0
+
+    def __post_init__(self) -> None:
+        require_friction(self.friction)
+        require_positive(resolution=self.resolution, friction=self.friction[0])
+        require_level(success_rate=self.rate, confidence=self.confidence, futility=self.futility)
+        if not self.K_values or self.K_values[0] != 0 or any(K <= 0 for K in self.K_values[1:]):
+            raise ConfigError(
+                f"found {list(self.K_values)}; expected 0 and then positive numbers", key="learning.K_values"
+            )
+        if self.patience < 1:
+            raise ConfigError(f"found {self.patience:g}; expected at least 1", key="learning.patience")
+
+    @cached_property
+    def depth(self) -> int:
+        """Halvings of a chain, so that neighbours differ by at most (1 + resolution)^2 in mu."""
+        low, high = self.friction
+        return max(1, ceil(log2(log(high / low) / (2 * log1p(self.resolution)))))
+
+    @cached_property
+    def test(self) -> SequentialTest:
+        """The test that every plan is put to."""
+        level = (1 - self.confidence) / (len(self.K_values) * self.depth)
+        return SequentialTest(
+            self.rate, level, self.futility, ceil(self.patience * shortest_acceptance(self.rate, level))
+        )
+
+    def initial(self) -> CalibratedState:
+        low, high = map(float, self.friction)
+        return self._advance(CalibratedState(low=low, high=high))
+
+    def _wanted(self, state: CalibratedState, trial: Trial) -> tuple[int, float]:
+        return self.test.limit - trial.executions, 1.0
+
+    def _infeasible(self, state: CalibratedState, trial: Trial) -> CalibratedState:
+        return self._next(state, trial, Result.INFEASIBLE)
+
+    def _planned(self, state: CalibratedState, trial: Trial) -> CalibratedState:
+        best = self.best(state)
+        if best is None or _duration(trial) * (1 + self.resolution) <= _duration(best.trial):
+            return replace(state, trial=trial)
+        return self._next(state, trial, Result.NOT_FASTER)
+
+    def _executed(self, state: CalibratedState, trial: Trial) -> CalibratedState:
+        verdict = self.test.verdict(trial.successes, trial.failures)
+        if verdict is Verdict.OPEN:
+            return replace(state, trial=trial)
+        if state.chain == 0:
+            state = replace(state, errors=state.errors + trial.errors)
+        results = {
+            Verdict.ACCEPTED: Result.SUCCESS,
+            Verdict.REJECTED: Result.FAILURE,
+            Verdict.UNDECIDED: Result.UNDECIDED,
+        }
+        return self._next(state, trial, results[verdict])
+
+    def _next(self, state: CalibratedState, trial: Trial, result: Result) -> CalibratedState:
+        if result in (Result.FAILURE, Result.UNDECIDED):
+            state = replace(state, high=trial.friction)
+        else:
+            state = replace(state, low=trial.friction)
+        row = Row(len(state.rows) + 1, trial, result, state.low, state.high)
+        return self._advance(replace(state, rows=(*state.rows, row), halvings=state.halvings + 1))
+
+    def _advance(self, state: CalibratedState) -> CalibratedState:
+        """The state with the next belief to test: the middle of the chain, or of the next one where that is done."""
+        if state.halvings == self.depth:
+            low, high = map(float, self.friction)
+            state = replace(state, chain=state.chain + 1, halvings=0, low=low, high=high)
+        error = self._error(state)
+        if error is None:
+            end = End.INTERVAL if self.best(state) else End.NO_SUCCESS
+            return replace(state, trial=None, end=end)
+        return replace(state, trial=Trial(Belief(sqrt(state.low * state.high), error)))
+
+    def _error(self, state: CalibratedState) -> ErrorInterval | None:
+        """The interval that the chain plans for; None after the last chain, and where no error was seen."""
+        if state.chain == 0:
+            return ErrorInterval()
+        if state.chain == len(self.K_values):
+            return None
+        error = interval_of(state.errors, self.K_values[state.chain])
+        return None if error.is_zero else error
+
+
+def _duration(trial: Trial) -> float:
+    assert trial.duration is not None
+    return trial.duration
