@@ -20,6 +20,7 @@ from robustopt.execution.controller import (
 from robustopt.execution.monte_carlo import Job, simulate_trials
 from robustopt.execution.outcome import object_motion
 from robustopt.execution.scene import SceneBuilder
+from robustopt.execution.simulation import Workspace
 from robustopt.execution.truth import believed_world
 from robustopt.timescaling import Plan
 from robustopt.trajectory import Trajectory
@@ -45,7 +46,7 @@ def standing(body: dict, mu: float, slope: float, heading: float, seconds: float
     still = np.zeros((steps, 1))
     planned = Reference(np.arange(steps) * 0.001, np.zeros(steps), still, still, still, np.ones(steps, dtype=bool))
     prepared, record = simulate_trials(
-        Job(config, ExecutionConfig.model_validate(execution or {}), STIFF, planned, 0), [0], 1
+        Job(config, ExecutionConfig.model_validate(execution or {}), STIFF, planned, 0), [0], 1, Workspace()
     )
     assert not record.diverged[0]
     return object_motion(prepared.layout.interfaces[0], record.sensors[0])

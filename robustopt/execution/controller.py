@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import eigh
 
 from robustopt.config_model import Config
 from robustopt.errors import ConfigError
@@ -107,6 +108,33 @@ def computed_torque(rigid: mujoco.MjModel, planned: Reference) -> Array:
         mujoco.mj_inverse(rigid, data)
         torque[i] = data.qfrc_inverse
     return torque
+
+
+def require_stable(model: mujoco.MjModel, layout: Layout, gains: Gains, names: tuple[str, ...], q: Array) -> None:
+    """Refuse a time step at which the sampled controller is unstable somewhere on the path q (P, n).
+
+    With the time step h, semi-implicit Euler and implicit joint damping D, the loop M qdd = -kp q - (kd + D) qd is
+    stable where h^2 kp + 2 h (kd - D) < 4 M: M of the arm and the tray, without objects, which slide on it.
+    """
+    data, h = mujoco.MjData(model), model.opt.timestep
+    full = np.zeros((model.nv, model.nv))
+    stiffness = np.diag(h**2 * gains.kp + 2 * h * (gains.kd - model.dof_damping[layout.dofs])) / 4
+    worst = np.zeros(len(names))
+    for qi in q:
+        data.qpos[layout.joints] = qi
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_makeM(model, data)
+        mujoco.mj_fullM(model, data, full)
+        values, vectors = eigh(stiffness, full[np.ix_(layout.dofs, layout.dofs)])
+        if values[-1] > worst.max():
+            worst = values[-1] * np.abs(vectors[:, -1]) / np.abs(vectors[:, -1]).max()
+    if worst.max() >= 1:
+        raise ConfigError(
+            f"found {h:g} s; the controller of {names[int(np.argmax(worst))]} is unstable with so long a time step: "
+            "expected a shorter one, or smaller gains in execution.controller",
+            key="execution.timestep",
+        )
 
 
 def _per_joint(values: float | tuple[float, ...], names: tuple[str, ...], key: str) -> Array:

@@ -9,11 +9,13 @@ import numpy as np
 
 from robustopt.config_model import Config, ExecutionConfig
 from robustopt.errors import ConfigError, SimulationFailed
-from robustopt.execution.controller import gains_of, reference
+from robustopt.execution.controller import gains_of, reference, require_stable
 from robustopt.execution.feedback import Feedback, feedback_of
 from robustopt.execution.monte_carlo import Job, run_all
 from robustopt.execution.outcome import Status, TrialOutcome
+from robustopt.execution.scene import SceneBuilder
 from robustopt.execution.statistics import clopper_pearson
+from robustopt.execution.truth import believed_world
 from robustopt.timescaling import Plan
 from robustopt.trajectory import Trajectory
 
@@ -104,7 +106,11 @@ def execute(
     planned = reference(trajectory, execution.timestep, execution.hold)
     seed = config.seed if seed is None else seed
     chosen = tuple(range(execution.trials if trials is None else trials)) if numbers is None else tuple(numbers)
-    gains = gains_of(config, plan.problem.robot, trajectory.at_gridpoints().q)
+    path = trajectory.at_gridpoints().q
+    gains = gains_of(config, plan.problem.robot, path)
+    builder = SceneBuilder(config, gains, execution.timestep)
+    model = builder.model(believed_world(config))
+    require_stable(model, builder.layout(model), gains, builder.robot.joint_names, path)
     outcomes, _ = run_all(Job(config, execution, gains, planned, seed), chosen, workers, progress)
     return Executions(
         tuple(outcomes), len(chosen), seed, speed, trajectory.duration, execution.timestep,

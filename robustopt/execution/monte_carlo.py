@@ -19,7 +19,7 @@ from robustopt.execution.disturbance import CALIBRATION, FORCE, WORLD, calibrati
 from robustopt.execution.feedback import acceleration_error, moments
 from robustopt.execution.outcome import TrialOutcome, judge
 from robustopt.execution.scene import Layout, SceneBuilder
-from robustopt.execution.simulation import Record, simulate
+from robustopt.execution.simulation import Record, Workspace, simulate
 from robustopt.execution.truth import World, true_world, varies
 
 Array = np.ndarray
@@ -42,9 +42,9 @@ class Job:
     seed: int
 
 
-def run_trials(job: Job, trials: Sequence[int], threads: int) -> list[TrialOutcome]:
-    """Run trials by their numbers, in chunks of the size of the sequence."""
-    prepared, record = simulate_trials(job, trials, threads)
+def run_trials(job: Job, trials: Sequence[int], threads: int, workspace: Workspace | None = None) -> list[TrialOutcome]:
+    """Run trials by their numbers, all in one chunk."""
+    prepared, record = simulate_trials(job, trials, threads, workspace or Workspace())
     return [_outcome(job, prepared, record, i) for i in range(len(trials))]
 
 
@@ -59,7 +59,7 @@ class Prepared:
     builder: SceneBuilder
 
 
-def simulate_trials(job: Job, trials: Sequence[int], threads: int) -> tuple[Prepared, Record]:
+def simulate_trials(job: Job, trials: Sequence[int], threads: int, workspace: Workspace) -> tuple[Prepared, Record]:
     """Simulate trials by their numbers."""
     execution, planned = job.execution, job.planned
     builder = SceneBuilder(job.config, job.gains, execution.timestep)
@@ -70,15 +70,16 @@ def simulate_trials(job: Job, trials: Sequence[int], threads: int) -> tuple[Prep
     offsets = np.array([calibration(disturbance, builder.robot.n, generator(job.seed, k, CALIBRATION)) for k in trials])
     feedforward = execution.controller.feedforward == "computed_torque"
     inputs = controls(model, layout, planned, computed_torque(builder.rigid(), planned) if feedforward else None)
-    control = np.zeros((len(trials), len(planned.t), model.nu + 6 * model.nbody))
+    control = workspace.array("control", (len(trials), len(planned.t), model.nu + 6 * model.nbody))
     control[:, :, : model.nu] = inputs
-    control[:, :, layout.control] += offsets[:, None]
+    if offsets.any():
+        control[:, :, layout.control] += offsets[:, None]
     at = model.nu + 6 * layout.bodies[disturbance.on]
     for i, k in enumerate(trials):
         random = generator(job.seed, k, FORCE)
         control[i, :, at : at + 3] = forces(disturbance, execution.timestep, len(planned.t), random)
     start = np.array([builder.start(layout, planned.q[0] + offset, model.nq) for offset in offsets])
-    record = simulate(models, start, control, threads)
+    record = simulate(models, start, control, threads, workspace)
     return Prepared(trials, worlds, offsets, layout, builder), record
 
 
@@ -87,18 +88,24 @@ def _outcome(job: Job, prepared: Prepared, record: Record, i: int) -> TrialOutco
     diverged = bool(record.diverged[i])
     outcome = judge(
         prepared.trials[i], prepared.worlds[i], job.execution.failure, planned, layout.interfaces, robot.joint_names,
-        robot.limits.torque, record.qpos[i, :-1, layout.joints].T, planned.q + prepared.offsets[i],
+        robot.limits.torque, np.abs(_joints(record, layout, i) - planned.q - prepared.offsets[i]).max(),
         record.torque[i][:, layout.dofs], record.sensors[i], diverged,
     )  # fmt: skip
     if diverged or not planned.moving.any():
         return outcome
-    filtered, raw = acceleration_error(record.qvel[i][:, layout.dofs], planned, job.execution.timestep)
+    velocity = np.vstack([record.start_qvel[i, layout.dofs], record.qvel[i][:, layout.dofs]])
+    filtered, raw = acceleration_error(velocity, planned, job.execution.timestep)
     mean, square = moments(filtered[planned.moving])
     raw_mean, raw_square = moments(raw[planned.moving])
     return replace(
         outcome, error_steps=int(planned.moving.sum()), error_mean=mean, error_square=square,
         error_unfiltered_mean=raw_mean, error_unfiltered_square=raw_square,
     )  # fmt: skip
+
+
+def _joints(record: Record, layout: Layout, i: int) -> Array:
+    """Joint positions of a trial at the start of each step, (N, n)."""
+    return np.vstack([record.start_qpos[i, layout.joints], record.qpos[i, :-1][:, layout.joints]])
 
 
 # Chunks over processes ------------------------------------------------------------------------------------
@@ -134,8 +141,9 @@ def run_all(
 
 
 def _here(job: Job, chunks: Sequence[Sequence[int]], threads: int) -> Iterator[list[TrialOutcome]]:
+    workspace = Workspace()
     for chunk in chunks:
-        yield run_trials(job, chunk, threads)
+        yield run_trials(job, chunk, threads, workspace)
 
 
 def _in_processes(

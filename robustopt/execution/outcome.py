@@ -99,47 +99,33 @@ class Motion:
 
 
 def object_motion(interface: Interface, sensors: Array) -> Motion:
-    """Movement at an interface from a trial's sensor data (N, .)."""
+    """Movement at an interface from a trial's sensor data (N, .): position and quaternion against the support."""
     at = interface.sensor
-    position, rotation = sensors[:, at : at + 3], rotations(sensors[:, at + 3 : at + 7])
-    c, s = np.cos(interface.yaw), np.sin(interface.yaw)
-    placed = interface.position + interface.corners @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    corners = position[:, None] + interface.corners @ rotation.transpose(0, 2, 1)
-    slip = np.sqrt(((corners - placed)[..., :2] ** 2).sum(axis=2)).max(axis=1)
-    tilt = np.arctan2(np.hypot(rotation[:, 0, 2], rotation[:, 1, 2]), rotation[:, 2, 2])
-    lowest = _lowest(interface, position, rotation)
-    return Motion(slip, tilt, interface.position[2] - position[:, 2], lowest - interface.top)
-
-
-def rotations(quaternion: Array) -> Array:
-    """Rotation matrices (N, 3, 3) of unit quaternions w, x, y, z (N, 4)."""
-    w, x, y, z = quaternion.T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), 2, 0)
-
-
-def _lowest(interface: Interface, position: Array, rotation: Array) -> Array:
-    """Height of the lowest point of the base above the centre of the support, (N,) [m]."""
-    down = rotation[:, 2]
+    x, y, z, qw, qx, qy, qz = np.ascontiguousarray(sensors[:, at : at + 7].T)
+    xx, xy, xz = 1 - 2 * (qy * qy + qz * qz), 2 * (qx * qy - qw * qz), 2 * (qx * qz + qw * qy)
+    yx, yy, yz = 2 * (qx * qy + qw * qz), 1 - 2 * (qx * qx + qz * qz), 2 * (qy * qz - qw * qx)
+    zx, zy, zz = 2 * (qx * qz - qw * qy), 2 * (qy * qz + qw * qx), 1 - 2 * (qx * qx + qy * qy)
+    cosine, sine = np.cos(interface.yaw), np.sin(interface.yaw)
+    moved, lowest = np.zeros_like(x), np.full_like(x, np.inf)
+    for a, b, c in interface.corners.tolist():
+        dx = x + xx * a + xy * b + xz * c - (interface.position[0] + cosine * a - sine * b)
+        dy = y + yx * a + yy * b + yz * c - (interface.position[1] + sine * a + cosine * b)
+        moved = np.maximum(moved, dx * dx + dy * dy)
+        lowest = np.minimum(lowest, zx * a + zy * b + zz * c)
+    upright = np.hypot(zx, zy)
     if interface.radius is not None:
-        rim = interface.radius * np.hypot(down[:, 0], down[:, 1])
-        return np.asarray(position[:, 2] + down[:, 2] * interface.corners[0, 2] - rim)
-    return np.asarray(position[:, 2] + (down @ interface.corners.T).min(axis=1))
+        lowest -= interface.radius * upright
+    tilt = np.arctan2(upright, zz)
+    return Motion(np.sqrt(moved), tilt, interface.position[2] - z, z + lowest - interface.top)
 
 
 def judge(
     trial: int, world: World, failure: FailureConfig, planned: Reference, interfaces: Sequence[Interface],
-    joint_names: Sequence[str], limits: Array, positions: Array, targets: Array, torque: Array, sensors: Array,
-    diverged: bool,
+    joint_names: Sequence[str], limits: Array, tracking_error: float, torque: Array, sensors: Array, diverged: bool,
 ) -> TrialOutcome:  # fmt: skip
     """The outcome of one trial.
 
-    limits: of the joint torques (n,); positions, targets: of the joints and their references (N, n); torque: (N, n);
-    sensors: (N, .)
+    limits: of the joint torques (n,); tracking_error: largest of any joint; torque: (N, n); sensors: (N, .)
     """
     friction, mass = dict(world.friction), {name: body.mass for name, body in world.bodies.items()}
     names = dict.fromkeys(interface.object for interface in interfaces)
@@ -161,8 +147,9 @@ def judge(
             events.append((float(planned.t[start]), Status.TORQUE_SATURATED, name))
     time, status, what = min(events, key=lambda event: event[0], default=(np.nan, Status.SUCCESS, ""))
     s = float(np.interp(time, planned.t, planned.s)) if what else np.nan
-    error = float(np.abs(positions - targets).max())
-    return TrialOutcome(trial, status, what, time, s, objects, error, float(share.max()), friction, mass)
+    return TrialOutcome(
+        trial, status, what, time, s, objects, float(tracking_error), float(share.max()), friction, mass
+    )
 
 
 def _judge_object(motions: Sequence[Motion], failure: FailureConfig, t: Array) -> ObjectOutcome:
