@@ -58,10 +58,11 @@ class Plan:
 
 
 def duration_of(ds: Array, x: Array) -> float:
-    """Sum of 2 ds / (sd_i + sd_{i+1}) over the intervals that have a length [s]."""
+    """Sum of 2 ds / (sd_i + sd_{i+1}) over the intervals that have a length [s]; infinite where the robot stands."""
     root = np.sqrt(np.maximum(x, 0.0))
     moving = ds > 0
-    return float(np.sum(2 * ds[moving] / (root[:-1] + root[1:])[moving]))
+    with np.errstate(divide="ignore"):
+        return float(np.sum(2 * ds[moving] / (root[:-1] + root[1:])[moving]))
 
 
 def controls_of(ds: Array, x: Array) -> Array:

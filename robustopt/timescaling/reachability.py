@@ -45,6 +45,8 @@ def solve_reachability(problem: TimeScalingProblem) -> Plan:
         if duration_of(problem.ds, better) < duration_of(problem.ds, x):
             x = better
         gap = min(gap, 1.0 - lower / duration_of(problem.ds, x))
+    if not np.isfinite(duration_of(problem.ds, x)):
+        return _stuck(problem, int(np.argmax((x[:-1] + x[1:] == 0.0) & (problem.ds > 0))), began)
     statistics = {"solver_seconds": time.perf_counter() - began, "optimality_gap": gap, "polished": float(polished)}
     return solved_plan(problem, x, "reachability", statistics)
 
@@ -149,7 +151,7 @@ def passes(a, b, c, x_max, ds):
             n = _gather(a, b, c, i + 1, step, A, B, C, n)
             high[i] = _extreme_x(A, B, C, n, x_max[i], 1)
             low[i] = 0.0 if _holds_at_rest(A, C, n) else _extreme_x(A, B, C, n, x_max[i], -1)
-        if not low[i] <= high[i]:
+        if not low[i] <= high[i] or (ds[i] > 0.0 and high[i] == 0.0 and high[i + 1] == 0.0):
             return x, bound, i
     if low[0] > FEASIBILITY:
         return x, bound, 0
@@ -167,8 +169,6 @@ def passes(a, b, c, x_max, ds):
                 if limit < u:
                     u, decreasing = limit, step * B[k] > A[k]
         x[i + 1] = min(max(x[i] + step * u, low[i + 1]), high[i + 1])
-        if x[i] == 0.0 and x[i + 1] == 0.0:
-            return x, bound, i
         bound[i + 1] = x[i + 1]
         if decreasing or bound[i] > x[i]:
             bound[i + 1] = _largest_next(A, B, C, n, step, low[i], bound[i], high[i + 1])
