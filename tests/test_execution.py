@@ -1,0 +1,374 @@
+"""Executions: outcomes against closed forms, what a trial depends on, and what bad input is answered with."""
+
+import os
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+from scenes import BOX, FLAT, G, plan_of, scene, waiter
+from scipy.stats import binom
+
+from robustopt.config import with_values
+from robustopt.config_model import DisturbanceConfig, ExecutionConfig, TruthConfig
+from robustopt.errors import ConfigError, ProblemInfeasible, SimulationFailed
+from robustopt.execution import Status, execute, monte_carlo
+from robustopt.execution.controller import POSITION_VELOCITY, Gains, gains_of, reference
+from robustopt.execution.disturbance import FORCE, WORLD, forces, generator
+from robustopt.execution.execute import Executions
+from robustopt.execution.feedback import acceleration_error
+from robustopt.execution.monte_carlo import Job, cores, run_all, run_trials, share_cores, simulate_trials
+from robustopt.execution.simulation import Workspace
+from robustopt.execution.statistics import clopper_pearson
+from robustopt.execution.truth import believed_world, true_world, varies
+from robustopt.trajectory import Trajectory
+
+FOLLOW = {"controller": {"feedforward": "computed_torque"}}
+
+
+def on_a_slide(body: dict, friction: float, **execution):
+    """A task of one object on a slide, and its plan."""
+    config = scene(objects={"body": body}, contact={"friction": friction}, execution=FOLLOW | execution)
+    return config, plan_of(config)
+
+
+@pytest.fixture(scope="module")
+def slide():
+    disturbance = {"force_deviation": [20.0, 20.0, 0.0], "calibration_deviation": 0.001}
+    truth = {"friction": 0.5, "variation": {"friction": 0.1}}
+    return on_a_slide(FLAT, 0.45, truth=truth, disturbance=disturbance, hold=[0.05, 0.1])
+
+
+# Outcomes -------------------------------------------------------------------------------------------------
+
+
+def test_a_plan_that_is_right_about_its_world_succeeds():
+    config, plan = on_a_slide(FLAT, 0.5, truth={"friction": 0.55})
+    executions = execute(config, plan, trials=1)
+    (outcome,) = executions.outcomes
+    assert (outcome.status, outcome.what, outcome.success) == (Status.SUCCESS, "", True)
+    assert np.isnan(outcome.time)
+    assert outcome.objects["body"].slip < 1e-3
+    assert outcome.tracking_error < 1e-3
+    assert executions.success_rate == 1.0
+
+
+def test_a_block_slides_when_and_where_coulombs_law_says():
+    """Planned at mu_b g, carried at mu g: the slip is (mu_b - mu) g t^2 / 2, and s = mu_b g t^2 / 2 / length."""
+    config, plan = on_a_slide(FLAT, 0.5, truth={"friction": 0.4})
+    (outcome,) = execute(config, plan, trials=1).outcomes
+    time = np.sqrt(2 * 0.005 / (0.1 * G))
+    assert (outcome.status, outcome.what) == (Status.SLID, "body")
+    assert outcome.time == pytest.approx(time, rel=0.05)
+    assert outcome.s == pytest.approx(0.5 * 0.5 * G * outcome.time**2, rel=0.02)
+    assert outcome.objects["body"].status is Status.SLID
+
+
+def test_an_object_whose_mass_sits_higher_than_believed_tips():
+    tall = BOX | {"size": [0.08, 0.08, 0.16]}
+    config, plan = on_a_slide(tall, 2.0, truth={"center_of_mass": {"body": [0.0, 0.0, 0.04]}})
+    (outcome,) = execute(config, plan, trials=1).outcomes
+    assert (outcome.status, outcome.what) == (Status.TIPPED, "body")
+
+
+def test_an_object_loses_contact_where_the_tray_falls_faster_than_it():
+    config = scene("lift", objects={"body": FLAT}, length=-1.0, execution=FOLLOW)
+    plan = plan_of(config)
+    assert execute(config, plan, trials=1, speed=0.9).success_rate == 1.0
+    (outcome,) = execute(config, plan, trials=1, speed=1.2).outcomes
+    assert (outcome.status, outcome.what) == (Status.LOST_CONTACT, "body")
+
+
+def test_a_drive_that_stays_at_its_limit_is_reported():
+    limits = {"x": {"torque": 20.0, "viscous_friction": 10.0}}
+    keys = {"limits": limits, "joint_friction": False}
+    config = scene(objects={"body": FLAT}, contact={"friction": 2.0}, robot_keys=keys, execution=FOLLOW)
+    (outcome,) = execute(config, plan_of(config), trials=1).outcomes
+    assert (outcome.status, outcome.what, outcome.torque) == (Status.TORQUE_SATURATED, "x", 1.0)
+    assert outcome.objects["body"].status is Status.SUCCESS
+    allowed = with_values(config, {"execution.failure.saturation": 10.0})
+    assert execute(allowed, plan_of(allowed), trials=1).success_rate == 1.0
+
+
+def test_a_simulation_that_diverges_is_never_a_success():
+    config = scene(objects={"body": FLAT}, robot_keys={"limits": {"x": {"torque": 1e15}}})
+    planned = reference(Trajectory.from_plan(plan_of(config)), 0.001, (0.1, 0.1))
+    wild = Gains(np.array([1e9]), np.zeros(1), np.array([1e9]), POSITION_VELOCITY)
+    (outcome,) = run_trials(Job(config, ExecutionConfig(), wild, planned, 0), [0], 1)
+    assert outcome.status is Status.DIVERGED
+    assert not outcome.success
+    assert outcome.error_steps == 0
+    assert outcome.objects["body"].status is Status.DIVERGED
+
+
+def test_the_load_of_a_bridge_and_a_round_object_are_carried():
+    for name in ("bridge", "side_by_side"):
+        config = waiter(name, "uncertainty={}", "solver.collocation_points=100", "solver.method=reachability")
+        (outcome,) = execute(config, plan_of(config), trials=1, speed=0.8).outcomes
+        assert outcome.success, (name, outcome)
+        assert set(outcome.objects) == set(config.objects)
+
+
+def test_a_wrong_belief_fails_and_a_careful_one_succeeds():
+    """Two blocks, truly mu = 0.5: planned at 1 they fall over, at 0.25 they stay."""
+    for believed, rate in ((1.0, 0.0), (0.25, 1.0)):
+        disturbance = "execution.disturbance.force_deviation=[2, 2, 0]"
+        config = waiter("two_blocks", f"contact.friction={believed}", "execution.truth.friction=0.5", disturbance)
+        assert execute(config, plan_of(config, "reachability"), trials=3).success_rate == rate
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["one_block", "two_blocks"])
+def test_success_is_monotone_in_speed(name):
+    disturbance = "execution.disturbance.force_deviation=[2, 2, 0]"
+    config = waiter(name, "uncertainty={}", "contact.friction=0.4", "execution.truth.friction=0.5", disturbance)
+    plan = plan_of(config, "reachability")
+    rates = [execute(config, plan, trials=10, speed=speed).success_rate for speed in np.linspace(0.7, 1.3, 10)]
+    assert rates == sorted(rates, reverse=True)
+    assert (rates[0], rates[-1]) == (1.0, 0.0)
+
+
+# What a trial depends on ----------------------------------------------------------------------------------
+
+
+def test_the_planner_never_reads_the_truth():
+    truths = ({}, {"friction": 0.1, "mass": {"body": 3.0}, "center_of_mass": {"body": [0.01, 0.0, 0.02]}})
+    first, second = (on_a_slide(BOX, 0.5, truth=truth)[1] for truth in truths)
+    assert np.array_equal(first.x, second.x)
+    assert first.duration == second.duration
+
+
+def test_trial_k_of_many_equals_trial_k_alone(slide):
+    config, plan = slide
+    many = execute(config, plan, trials=60)
+    assert 0.0 < many.success_rate < 1.0
+    for k in (0, 24, 25, 59):
+        (alone,) = execute(config, plan, numbers=[k]).outcomes
+        assert _same(alone, many.outcomes[k])
+
+
+def test_the_number_of_workers_changes_no_number(slide, monkeypatch):
+    monkeypatch.setattr(monte_carlo, "cores", lambda: 2)
+    config, plan = slide
+    one, two = (execute(config, plan, trials=55, workers=workers) for workers in (1, 2))
+    assert len(one.outcomes) == len(two.outcomes) == 55
+    assert all(map(_same, one.outcomes, two.outcomes))
+    assert one.feedback == two.feedback
+    other = execute(config, plan, trials=55, seed=1)
+    assert not any(map(_same, one.outcomes, other.outcomes))
+
+
+def _same(one, other) -> bool:
+    """Equal in every number, bit for bit, with nan equal to nan."""
+    return repr(one) == repr(other)
+
+
+def test_a_world_that_varies_is_drawn_about_its_value():
+    config = scene(objects={"body": FLAT}, contact={"friction": 0.3})
+    truth = TruthConfig.model_validate(
+        {"mass": {"body": 2.0}, "variation": {"friction": 0.05, "mass": {"body": 0.1}, "distribution": "uniform"}}
+    )
+    worlds = [true_world(config, truth, generator(7, k, WORLD)) for k in range(400)]
+    friction = np.array([world.friction["body"] for world in worlds])
+    mass = np.array([world.bodies["body"].mass for world in worlds])
+    assert 0.25 <= friction.min() < 0.26
+    assert 0.34 < friction.max() <= 0.35
+    assert mass.mean() == pytest.approx(2.0, abs=0.01)
+    believed = believed_world(config).bodies["body"]
+    assert worlds[0].bodies["body"].inertia == pytest.approx(believed.inertia * mass[0] / believed.mass)
+    assert varies(truth)
+    assert not varies(TruthConfig(friction=0.2))
+
+
+def test_a_friction_is_never_drawn_at_or_below_zero():
+    config = scene(objects={"body": FLAT}, contact={"friction": 0.05})
+    truth = TruthConfig.model_validate({"variation": {"friction": 1.0}})
+    assert min(true_world(config, truth, generator(0, k, WORLD)).friction["body"] for k in range(200)) > 0
+
+
+# Disturbance and feedback ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("hold", [0.001, 0.004, 0.0025])
+def test_the_impulse_of_the_force_does_not_depend_on_the_time_step(hold):
+    disturbance = DisturbanceConfig(force_deviation=(2.0, 3.0, 0.0), hold=hold)
+    coarse, fine = (forces(disturbance, h, round(1.0 / h), generator(3, 5, FORCE)) for h in (0.002, 0.0005))
+    impulse = np.cumsum(fine, axis=0)[3::4] * 0.0005
+    assert np.cumsum(coarse, axis=0) * 0.002 == pytest.approx(impulse, abs=1e-12)
+    held = forces(disturbance, hold, 4000, generator(0, 0, FORCE))
+    assert held.std(axis=0) == pytest.approx([2.0, 3.0, 0.0], rel=0.05)
+    assert held.mean(axis=0) == pytest.approx([0.0, 0.0, 0.0], abs=0.15)
+
+
+def test_calibration_offsets_move_the_arm_and_stay_for_the_trial():
+    config, plan = on_a_slide(FLAT, 0.2, disturbance={"calibration_deviation": 0.01})
+    planned = reference(Trajectory.from_plan(plan), 0.001, (0.1, 0.1))
+    gains = gains_of(config, plan.problem.robot, planned.q[:1])
+    prepared, record = simulate_trials(Job(config, config.execution, gains, planned, 0), range(40), 2, Workspace())
+    assert prepared.offsets.std() == pytest.approx(0.01, rel=0.3)
+    reached = record.qpos[:, -1, prepared.layout.joints]
+    assert reached == pytest.approx(planned.q[-1] + prepared.offsets, abs=1e-4)
+
+
+def test_the_acceleration_error_is_what_the_velocity_shows():
+    _, plan = on_a_slide(FLAT, 0.5)
+    planned = reference(Trajectory.from_plan(plan), 0.001, (0.1, 0.1))
+    velocity = np.vstack([np.zeros(1), np.cumsum(planned.qdd + 0.3, axis=0) * 0.001])
+    filtered, raw = acceleration_error(velocity, planned, 0.001)
+    assert raw == pytest.approx(np.full_like(raw, 0.3))
+    assert filtered == pytest.approx(np.full_like(raw, 0.3))
+    t = planned.t[:, None] + 0.1
+    for frequency, factor in ((5.0, 1.0), (50.0, 0.5), (400.0, 0.0)):
+        wave = 0.2 * np.sin(2 * np.pi * frequency * t)
+        swung = np.vstack([np.zeros(1), np.cumsum(planned.qdd + wave, axis=0) * 0.001])
+        inner = slice(200, -200)
+        assert acceleration_error(swung, planned, 0.001)[0][inner].std() == pytest.approx(factor * wave.std(), abs=5e-3)
+
+
+def test_feedback_shrinks_with_the_torque_fed_forward():
+    deviations = []
+    for feedforward in ("gravity", "computed_torque"):
+        config = waiter("one_block", "uncertainty={}", f"execution.controller.feedforward={feedforward}")
+        executions = execute(config, plan_of(config, "reachability"), trials=2, speed=0.8)
+        assert executions.feedback is not None
+        assert executions.feedback.trials == 2
+        assert np.all(np.array(executions.feedback.unfiltered_deviation) >= executions.feedback.deviation)
+        deviations.append(np.array(executions.feedback.deviation))
+    assert np.all(deviations[1][:3] < 0.3 * deviations[0][:3])
+
+
+# Statistics -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("successes", "trials"), [(0, 10), (10, 10), (7, 20), (97, 100)])
+def test_the_interval_of_clopper_and_pearson_is_that_of_the_binomial_tails(successes, trials):
+    low, high = clopper_pearson(successes, trials, 0.9)
+    if successes > 0:
+        assert binom.sf(successes - 1, trials, low) == pytest.approx(0.05)
+    if successes < trials:
+        assert binom.cdf(successes, trials, high) == pytest.approx(0.05)
+    assert 0 <= low <= successes / trials <= high <= 1
+    assert (low == 0, high == 1) == (successes == 0, successes == trials)
+
+
+def test_no_trial_says_nothing():
+    none = Executions((), 5, 0, 1.0, 1.0, 0.001, 100, 0.95, None)
+    assert (none.complete, none.interval, none.counts) == (False, (0.0, 1.0), {})
+    assert np.isnan(none.success_rate)
+
+
+def test_workers_times_threads_never_exceed_the_cores(monkeypatch):
+    assert cores() >= 1
+    monkeypatch.setattr(monte_carlo, "cores", lambda: 6)
+    assert [share_cores(workers) for workers in (1, 2, 4, 6, 50)] == [(1, 6), (2, 3), (4, 1), (6, 1), (6, 1)]
+
+
+# What goes wrong ------------------------------------------------------------------------------------------
+
+
+def test_an_interruption_keeps_the_chunks_that_were_done(slide):
+    config, plan = slide
+
+    def interrupt(done: int, total: int, successes: int) -> None:
+        assert (done, total) == (25, 60)
+        assert 0 <= successes <= done
+        raise KeyboardInterrupt
+
+    executions = execute(config, plan, trials=60, progress=interrupt)
+    assert (len(executions.outcomes), executions.requested, executions.complete) == (25, 60, False)
+    assert all(map(_same, executions.outcomes, execute(config, plan, trials=25).outcomes))
+
+
+def _dies_once(flag, job, trials, threads):
+    if trials[0] == 25 and not os.path.exists(flag):
+        open(flag, "w").close()
+        os._exit(1)
+    return run_trials(job, trials, threads)
+
+
+def _always_dies(job, trials, threads):
+    os._exit(1)
+
+
+def _job(slide) -> Job:
+    config, plan = slide
+    planned = reference(Trajectory.from_plan(plan), 0.001, config.execution.hold)
+    return Job(config, config.execution, gains_of(config, plan.problem.robot, planned.q[:1]), planned, 0)
+
+
+def test_a_worker_that_dies_loses_no_trial_and_changes_no_number(slide, tmp_path, monkeypatch):
+    monkeypatch.setattr(monte_carlo, "cores", lambda: 2)
+    expected, _ = run_all(_job(slide), range(55), 1, None)
+    monkeypatch.setattr(monte_carlo, "run_trials", partial(_dies_once, str(tmp_path / "died")))
+    outcomes, complete = run_all(_job(slide), range(55), 2, None)
+    assert (tmp_path / "died").exists()
+    assert complete
+    assert len(outcomes) == 55
+    assert all(map(_same, outcomes, expected))
+
+
+def test_workers_that_die_again_and_again_are_an_error(slide, monkeypatch):
+    monkeypatch.setattr(monte_carlo, "cores", lambda: 2)
+    monkeypatch.setattr(monte_carlo, "run_trials", _always_dies)
+    monkeypatch.setattr(monte_carlo, "RETRIES", 1)
+    with pytest.raises(SimulationFailed, match="Worker processes died 2 times"):
+        run_all(_job(slide), range(30), 2, None)
+
+
+def test_a_time_step_that_is_too_long_for_the_controller_is_refused():
+    config = waiter("two_blocks", "contact.friction=0.25", "execution.timestep=0.005")
+    with pytest.raises(ConfigError, match=r"0\.005 s; the controller of joint6 is unstable with so long a time step"):
+        execute(config, plan_of(config, "reachability"), trials=1)
+
+
+def test_a_plan_with_a_number_that_is_not_finite_is_refused(slide):
+    config, plan = slide
+    x = plan.x.copy()
+    x[7] = np.nan
+    with pytest.raises(SimulationFailed, match="not a finite number at grid point 7"):
+        execute(config, replace(plan, x=x), trials=1)
+
+
+def test_a_plan_of_another_task_is_refused(slide):
+    config, plan = slide
+    other = scene("lift", objects={"body": FLAT})
+    with pytest.raises(ConfigError, match="the plan is of another task, test: robot differs; expected a plan"):
+        execute(other, plan, trials=1)
+    moved = with_values(config, {"objects.body.at": [0.01, 0.0], "path.joints": [[0.0], [0.5]]})
+    with pytest.raises(ConfigError, match="path, objects differ"):
+        execute(moved, plan, trials=1)
+    believed = with_values(config, {"contact.friction": 0.1, "execution.truth.friction": 0.6})
+    assert len(execute(believed, plan, trials=1).outcomes) == 1
+
+
+def test_a_task_without_a_plan_is_refused():
+    config = scene(objects={"body": FLAT}, contact={"friction": 0.1}, gravity=[0.0, 5.0, -9.81])
+    with pytest.raises(ProblemInfeasible):
+        execute(config, plan_of(config), trials=1)
+
+
+@pytest.mark.parametrize(
+    ("execution", "message"),
+    [
+        ({"controller": {"kp": [1.0, 2.0]}}, "found 2 values; expected one, or one for each of the joints x"),
+        ({"disturbance": {"calibration_deviation": [0.1, 0.2]}}, "found 2 values; expected one, or one for each"),
+        ({"timestep": 0.2}, "expected less than a tenth of the motion"),
+    ],
+)
+def test_keys_that_do_not_fit_the_robot_are_refused(execution, message):
+    config, plan = on_a_slide(FLAT, 0.5, **execution)
+    with pytest.raises(ConfigError, match=message):
+        execute(config, plan, trials=1)
+
+
+def test_gains_come_from_the_configuration_the_model_or_the_inertia():
+    arm = waiter("one_block", "execution.controller.kp=[1, 2, 3, 4, 5, 6]")
+    robot = plan_of(arm, "reachability").problem.robot
+    gains = gains_of(arm, robot, np.zeros((1, 6)))
+    assert gains.kp.tolist() == [1, 2, 3, 4, 5, 6]
+    assert gains.kd.tolist() == [1000, 2000, 500, 40, 10, 2]
+    config, plan = on_a_slide(FLAT, 0.5)
+    mass = 2.0 + 1.0 + 0.5
+    derived = gains_of(config, plan.problem.robot, np.zeros((1, 1)))
+    assert (derived.kp[0], derived.kd[0], derived.ki[0]) == pytest.approx((mass * 2500, mass * 100, 0))
+    assert ExecutionConfig().controller.kp is None
