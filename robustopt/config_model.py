@@ -326,7 +326,10 @@ class ExecutionConfig(Section):
     truth: TruthConfig = Field(
         default=TruthConfig(), description="what the simulated world really is; the planner never reads it"
     )
-    timestep: Positive = Field(default=0.001, description="time step of the simulation [s]")
+    timestep: Positive = Field(
+        default=0.001,
+        description="time step of the simulation; in what rests on what, the drift is proportional to it [s]",
+    )
     controller: ControllerConfig = Field(
         default=ControllerConfig(),
         description="joint controller; gains that are not given are those of the model file, else derived from the "

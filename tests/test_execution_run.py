@@ -1,0 +1,245 @@
+"""The command `execute`: what it prints and writes, for a task and for a stored run, and what bad input leads to."""
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scenes import CONFIGS, waiter
+
+from robustopt import cli, execution_run
+from robustopt.config import load_config
+from robustopt.execution import Status, execute
+from robustopt.execution_run import read_plan
+from robustopt.store import read_summary
+from robustopt.timescaling import solve
+
+WAITER = CONFIGS / "waiter_one_block.yaml"
+QUICK = ("solver.method=reachability", "solver.collocation_points=80", "uncertainty={}", "--no-figures")
+TRUTH = (
+    "execution.truth={friction: 0.5, variation: {friction: 0.1}}",
+    "execution.disturbance.force_deviation=[2, 2, 0]",
+)
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch, capsys):
+    """Runs a command in an empty folder: exit code, standard output, standard error; never a traceback."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        code = cli.run([str(argument) for argument in arguments])
+        out, err = capsys.readouterr()
+        assert "Traceback" not in out + err
+        return code, out, err
+
+    return call
+
+
+def table(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+# A task ---------------------------------------------------------------------------------------------------
+
+
+def test_a_task_is_planned_and_executed_into_a_whole_run_folder(run, tmp_path):
+    code, out, err = run(
+        "execute", WAITER, *QUICK, *TRUTH, "--trials", 12, "--seed", 3, "--speed", 1.02, "--out", "here"
+    )
+    assert (code, err) == (0, "")
+    summary, rows = read_summary(tmp_path / "here"), table(tmp_path / "here" / "executions.csv")
+    assert [int(row["trial"]) for row in rows] == list(range(12))
+    successes = sum(row["status"] == "success" for row in rows)
+    assert 0 < successes < 12
+    assert summary["success_rate"] == successes / 12
+    low, high = summary["success_interval"]
+    assert 0 < low < summary["success_rate"] < high < 1
+    told = summary["executions"]
+    assert (told["trials"], told["requested"], told["successes"]) == (12, 12, successes)
+    assert (told["seed"], told["speed"], told["confidence"]) == (3, 1.02, 0.95)
+    assert told["duration"] == pytest.approx(summary["duration"] / 1.02)
+    assert told["statuses"]["slid"] == 12 - successes
+    assert len(told["feedback"]["deviation"]) == 6
+    assert f"{successes} of 12 trials succeeded" in out
+    assert "slid" in out
+    assert "Executions" in (tmp_path / "here" / "report.html").read_text()
+    assert summary["certificate"]["passed"] is True
+    assert {"plan.csv", "config.yaml", "provenance.json"} <= {path.name for path in (tmp_path / "here").iterdir()}
+    frictions = [float(row["friction_block"]) for row in rows]
+    slid = [friction for friction, row in zip(frictions, rows, strict=True) if row["status"] == "slid"]
+    assert max(slid) < max(frictions)
+    failed = next(row for row in rows if row["status"] == "slid")
+    assert 0 < float(failed["t"]) < told["duration"]
+    assert 0 < float(failed["s"]) < 1
+    assert float(failed["slip_block"]) > 0.005
+
+
+def test_the_file_has_the_outcomes_number_for_number(run, tmp_path):
+    assert run("execute", WAITER, *QUICK, *TRUTH, "--trials", 3, "--out", "here", "--quiet")[0] == 0
+    config = load_config(tmp_path / "here" / "config.yaml")
+    executions = execute(config, read_plan(config, tmp_path / "here" / "plan.csv"))
+    for row, outcome in zip(table(tmp_path / "here" / "executions.csv"), executions.outcomes, strict=True):
+        assert float(row["slip_block"]) == outcome.objects["block"].slip
+        assert float(row["tracking_error"]) == outcome.tracking_error
+        assert float(row["friction_block"]) == outcome.friction["block"]
+        assert (row["status"], row["what"]) == (outcome.status.value, outcome.what)
+        assert row["t"] == ("" if outcome.success else repr(outcome.time))
+
+
+def test_an_infeasible_task_is_not_executed(run, tmp_path):
+    code, _, err = run(
+        "execute", WAITER, *QUICK, "contact.friction=0.2", "gravity=[3, 0, -9.81]", "--out", "x", "--quiet"
+    )
+    assert code == 3
+    assert "infeasible" in err
+    assert not (tmp_path / "x" / "executions.csv").exists()
+
+
+# A stored run ---------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("runs") / "planned"
+    assert cli.run(["plan", str(WAITER), *QUICK, *TRUTH, "execution.trials=30", "--out", str(folder), "--quiet"]) == 0
+    return folder
+
+
+def test_a_stored_plan_reads_back_number_for_number(stored):
+    config = load_config(stored / "config.yaml")
+    plan = read_plan(config, stored / "plan.csv")
+    made = solve(plan.problem)
+    assert np.array_equal(np.sqrt(plan.x), np.sqrt(np.maximum(made.x, 0)))
+    assert plan.duration == pytest.approx(made.duration, rel=1e-12)
+
+
+def test_a_stored_plan_and_its_task_have_the_same_executions(run, tmp_path, stored):
+    assert run("execute", stored, "--out", "a", "--quiet") == (0, "", "")
+    assert run("execute", WAITER, *QUICK, *TRUTH, "execution.trials=30", "--out", "b", "--quiet") == (0, "", "")
+    for name in ("executions.csv", "plan.csv"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+    first, second = (read_summary(tmp_path / name) for name in "ab")
+    assert first["executions"] == second["executions"]
+    assert first["plan_of"] == str(stored)
+
+
+def test_more_workers_and_a_run_of_a_run_change_no_byte(run, tmp_path, stored, monkeypatch):
+    from robustopt.execution import monte_carlo
+
+    monkeypatch.setattr(monte_carlo, "cores", lambda: 2)
+    assert run("execute", stored, "--out", "a", "--quiet")[0] == 0
+    assert run("execute", "a", "--out", "b", "--workers", 2, "--quiet")[0] == 0
+    assert (tmp_path / "a" / "executions.csv").read_bytes() == (tmp_path / "b" / "executions.csv").read_bytes()
+
+
+def test_of_a_stored_run_only_execution_and_seed_may_change(run, stored):
+    code, out, _ = run(
+        "execute", stored, "execution.truth={friction: 0.2}", "--trials", 3, "--seed", 9, "--json", "--out", "c"
+    )
+    data = json.loads(out)
+    assert (code, data["kind"], data["success_rate"], data["executions"]["seed"]) == (0, "execution", 0.0, 9)
+    code, _, err = run("execute", stored, "contact.friction=0.2")
+    assert code == 2
+    assert "'contact.friction=0.2': a stored plan depends on it; expected keys of execution and seed" in err
+
+
+def test_a_run_that_was_edited_is_refused(run, tmp_path, stored):
+    def copy(name: str) -> Path:
+        folder = tmp_path / name
+        folder.mkdir()
+        for path in stored.iterdir():
+            if path.is_file():
+                (folder / path.name).write_bytes(path.read_bytes())
+        return folder
+
+    config = copy("config") / "config.yaml"
+    config.write_text(config.read_text().replace("mass: 0.5", "mass: 0.6"))
+    code, _, err = run("execute", "config")
+    assert code == 2
+    assert "config.yaml: was edited after the run; its plan is of another task" in err
+    plan = copy("numbers") / "plan.csv"
+    lines = plan.read_text().splitlines()
+    lines[5] = ",".join(["nan", *lines[5].split(",")[1:]])
+    plan.write_text("\n".join(lines))
+    assert "line 6 has a number that is not finite" in run("execute", "numbers")[2]
+    plan = copy("joints") / "plan.csv"
+    plan.write_text(plan.read_text().replace("joint6", "wrist"))
+    assert (
+        "a plan of the joints joint1, joint2, joint3, joint4, joint5, wrist; expected one of"
+        in run("execute", "joints")[2]
+    )
+    plan = copy("path") / "plan.csv"
+    lines = plan.read_text().splitlines()
+    cells = lines[9].split(",")
+    cells[4] = str(float(cells[4]) + 1e-6)
+    plan.write_text("\n".join([*lines[:9], ",".join(cells), *lines[10:]]))
+    assert "not on the path of the configuration beside it" in run("execute", "path")[2]
+    (copy("gone") / "plan.csv").unlink()
+    assert "plan.csv: cannot be read as a plan" in run("execute", "gone")[2]
+    assert "no such file" in run("execute", "nowhere.yaml")[2]
+    assert not (tmp_path / "results").exists()
+
+
+# What goes wrong ------------------------------------------------------------------------------------------
+
+
+def test_where_every_simulation_diverges_the_exit_code_is_5(run, tmp_path, stored, monkeypatch):
+    from dataclasses import replace
+
+    def diverging(*arguments, **options):
+        executions = execute(*arguments, **options)
+        return replace(executions, outcomes=tuple(replace(o, status=Status.DIVERGED) for o in executions.outcomes))
+
+    monkeypatch.setattr(execution_run, "execute", diverging)
+    code, _, err = run("execute", stored, "--trials", 2, "--out", "d", "--quiet")
+    assert code == 5
+    assert "simulation failed: 0 of 2 trials succeeded" in err
+    summary = read_summary(tmp_path / "d")
+    assert (summary["status"], summary["success_rate"]) == ("simulation failed", 0.0)
+    assert summary["executions"]["statuses"] == {"simulation diverged": 2}
+
+
+def test_a_full_disk_leaves_nothing(run, tmp_path, stored, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(execution_run, "write_executions_csv", full)
+    code, _, err = run("execute", stored, "--trials", 1, "--out", "d")
+    assert code == 2
+    assert "No space left on device" in err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_ctrl_c_keeps_what_was_done(tmp_path, stored, workers):
+    command = [sys.executable, "-m", "robustopt.cli", "execute", str(stored), "--trials", "100000", "--out", "kept"]
+    process = subprocess.Popen(
+        [*command, "--workers", str(workers)], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    deadline = time.monotonic() + 60
+    while not list(tmp_path.glob(".kept.partial-*")) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    time.sleep(15.0)
+    os.kill(process.pid, signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in out + err
+    summary, rows = read_summary(tmp_path / "kept"), table(tmp_path / "kept" / "executions.csv")
+    assert summary["status"] == "interrupted"
+    assert len(rows) == summary["executions"]["trials"]
+    assert 0 < len(rows) < 100000
+    assert len(rows) % 25 == 0
+    assert f"Interrupted after {len(rows):,} of 100,000 trials." in " ".join(out.split())
+
+
+def test_help_names_the_command(run):
+    assert "execute" in run("--help")[1]
+    assert waiter("one_block").execution is None
