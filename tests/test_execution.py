@@ -90,12 +90,14 @@ def test_a_drive_that_stays_at_its_limit_is_reported():
     assert execute(allowed, plan_of(allowed), trials=1).success_rate == 1.0
 
 
-def test_a_simulation_that_diverges_is_never_a_success():
+def test_a_simulation_that_diverges_is_never_a_success(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     config = scene(objects={"body": FLAT}, robot_keys={"limits": {"x": {"torque": 1e15}}})
     planned = reference(Trajectory.from_plan(plan_of(config)), 0.001, (0.1, 0.1))
     wild = Gains(np.array([1e9]), np.zeros(1), np.array([1e9]), POSITION_VELOCITY)
     (outcome,) = run_trials(Job(config, ExecutionConfig(), wild, planned, 0), [0], 1)
     assert outcome.status is Status.DIVERGED
+    assert list(tmp_path.iterdir()) == []
     assert not outcome.success
     assert outcome.error_steps == 0
     assert outcome.objects["body"].status is Status.DIVERGED

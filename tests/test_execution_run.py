@@ -227,7 +227,7 @@ def test_ctrl_c_keeps_what_was_done(tmp_path, stored, workers):
     deadline = time.monotonic() + 60
     while not list(tmp_path.glob(".kept.partial-*")) and time.monotonic() < deadline:
         time.sleep(0.05)
-    time.sleep(15.0)
+    time.sleep(10.0)
     os.kill(process.pid, signal.SIGINT)
     out, err = process.communicate(timeout=60)
     assert process.returncode == 130

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import mujoco
@@ -65,12 +66,14 @@ def simulate(
     batch = Batch(model, trials, min(threads, trials))
     if len(models) > 1:
         batch.set_models(list(models))
-    _settle(batch, models, start, control[:, 0, : model.nu])
+    with _no_log_file():
+        _settle(batch, models, start, control[:, 0, : model.nu])
     warned = _warned(batch)
     qpos, qvel = batch.bind("qpos").copy(), batch.bind("qvel").copy()
     sizes = {"qpos": model.nq, "qvel": model.nv, "sensordata": model.nsensordata, "qfrc_actuator": model.nv}
     records = {name: workspace.array(name, (trials, steps, size)) for name, size in sizes.items()}
-    out = batch.rollout(steps, control, control_spec=CONTROL, record=tuple(sizes), out=records)
+    with _no_log_file():
+        out = batch.rollout(steps, control, control_spec=CONTROL, record=tuple(sizes), out=records)
     diverged = warned | _warned(batch) | ~np.isfinite(out["qpos"][:, -1]).all(axis=1)
     diverged |= np.abs(batch.bind("time") - steps * model.opt.timestep) > model.opt.timestep / 2
     return Record(out["qpos"], out["qvel"], qpos, qvel, out["sensordata"], out["qfrc_actuator"], diverged)
@@ -88,6 +91,17 @@ def _settle(batch: Batch, models: Sequence[mujoco.MjModel], start: Array, inputs
         batch.state[:] = settled.state
         batch.warning[:] = settled.warning
     batch.bind("time")[:] = 0.0
+
+
+@contextmanager
+def _no_log_file() -> Iterator[None]:
+    """Keep MuJoCo from writing its warnings to a file in the working directory; they are counted in the batch."""
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda _: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(before)
 
 
 def _warned(batch: Batch) -> Array:
