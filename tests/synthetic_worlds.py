@@ -22,9 +22,10 @@ from scipy.special import ndtr
 
 from robustopt.learning.learner import Belief, Executed, Learner, Planned, Request, tell_all
 from robustopt.learning.moments import ErrorInterval, Moments
+from robustopt.learning.sequential import SequentialTest, Verdict
 
-STREAM = 50_000
-"""Executions that a seed has random numbers for."""
+BLOCK = 1000
+"""Executions of a seed whose random numbers are drawn together."""
 
 
 @dataclass(frozen=True)
@@ -48,12 +49,12 @@ class World:
 
     def effective(self, belief: Belief) -> float:
         """Friction that a plan may use once the margin for acceleration errors is taken off, at most the knee."""
-        return min((belief.friction or 0.0) * (1 - self.margin * half_width(belief)), self.knee)
+        return min(friction(belief) * (1 - self.margin * half_width(belief)), self.knee)
 
     def duration(self, belief: Belief) -> float | None:
         slope, offset = self.feasible
         use = self.effective(belief)
-        if half_width(belief) > slope * (belief.friction or 0.0) + offset or use <= 0:
+        if half_width(belief) > slope * friction(belief) + offset or use <= 0:
             return None
         return self.shortest * sqrt(self.knee / use)
 
@@ -66,7 +67,7 @@ class World:
 
     def execute(self, belief: Belief, speed: float, number: int, seed: int) -> Executed:
         """Execution `number` of the seed; it depends on nothing else but the plan."""
-        success = stream(seed)[number] < self.success_rate(belief, speed)
+        success = uniform(seed, number) < self.success_rate(belief, speed)
         return Executed(bool(success), self._errors(number, seed))
 
     def _errors(self, number: int, seed: int) -> Moments:
@@ -81,13 +82,25 @@ class World:
         return Moments.of_means(1000, self.mean, squares)
 
 
+CONFIGURED = 0.3
+"""Friction of a belief that leaves it as configured."""
+
+
+def friction(belief: Belief) -> float:
+    return CONFIGURED if belief.friction is None else belief.friction
+
+
 def half_width(belief: Belief) -> float:
     return max((belief.error or ErrorInterval()).half_width, default=0.0)
 
 
+def uniform(seed: int, number: int) -> float:
+    return float(_block(seed, number // BLOCK)[number % BLOCK])
+
+
 @lru_cache(maxsize=4)
-def stream(seed: int) -> np.ndarray:
-    return np.random.default_rng(seed).random(STREAM)
+def _block(seed: int, block: int) -> np.ndarray:
+    return np.random.default_rng([seed, block]).random(BLOCK)
 
 
 def answer(world: World, request: Request, seed: int = 0) -> Planned | Executed:
@@ -127,3 +140,65 @@ def run_batched(learner: Learner[Any], world: World, size: Callable[[], int], se
         ran += count
         assert used <= count
     return state, ran
+
+
+# Laws: exact probabilities, by recursion over decisions -----------------------------------------------------
+
+
+def acceptance_probability(test: SequentialTest, rate: float, verdict: Verdict = Verdict.ACCEPTED) -> float:
+    """Exact probability that a sequential test ends with the verdict when the success rate is `rate`."""
+    alive, total = {0: 1.0}, 0.0
+    for n in range(test.limit + 1):
+        following: dict[int, float] = {}
+        for successes, probability in alive.items():
+            found = test.verdict(successes, n - successes)
+            total += probability * (found is verdict)
+            if found is Verdict.OPEN:
+                following[successes + 1] = following.get(successes + 1, 0.0) + probability * rate
+                following[successes] = following.get(successes, 0.0) + probability * (1 - rate)
+        alive = following
+    assert not alive
+    return total
+
+
+Law = dict[float | None, float]
+"""Probability of each coefficient of friction that a learner may return; None: no success."""
+
+
+def bisection_law(world: World, low: float, high: float, delta: float, epsilon: float) -> Law:
+    """What Alg. 1 returns, from the text of the paper: every decision with its probability."""
+    law: Law = {}
+
+    def decide(mu: float, low: float, high: float, best: float | None, probability: float) -> None:
+        if probability == 0:
+            return
+        plain, fast = (world.success_rate(Belief(mu), speed) for speed in (1.0, 1.0 + epsilon))
+        law[mu] = law.get(mu, 0.0) + probability * plain * (1 - fast)
+        for chance, ends, found in ((1 - plain, (low, mu), best), (plain * fast, (mu, high), mu)):
+            if ends[1] - ends[0] > delta:
+                decide(sum(ends) / 2, *ends, found, probability * chance)
+            else:
+                law[found] = law.get(found, 0.0) + probability * chance
+
+    decide(high, low, high, None, 1.0)
+    return law
+
+
+def ilrobs_law(world: World, K: float, executions: int, delta: float, try_upper: bool) -> tuple[Law, float]:
+    """mu_low that Alg. 2 ends with on [0, 1], and its mean number of executions, errors being those of the world."""
+    law: Law = {}
+    later = ErrorInterval(world.mean, world.deviation, K)
+
+    def decide(mu: float, low: float, high: float, best: float | None, error: ErrorInterval, p: float) -> float:
+        rate = world.success_rate(Belief(mu, error))
+        passed = rate**executions
+        ran = executions if rate == 1 else (1 - passed) / (1 - rate)
+        for chance, ends, found in ((1 - passed, (low, mu), best), (passed, (mu, high), mu)):
+            if ends[1] - ends[0] > delta:
+                ran += chance * decide(sum(ends) / 2, *ends, found, later, p * chance)
+            else:
+                law[found] = law.get(found, 0.0) + p * chance
+        return ran
+
+    mean = decide(1.0 if try_upper else 0.5, 0.0, 1.0, None, ErrorInterval(), 1.0)
+    return law, mean

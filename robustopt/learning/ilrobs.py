@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import ClassVar
 
 from robustopt.learning.confidence import Reading, paper_executions
@@ -55,7 +56,7 @@ class Ilrobs(Learner[IlrobsState]):
         require_positive(delta=self.delta)
         paper_executions(self.K, self.reading)
 
-    @property
+    @cached_property
     def executions(self) -> int:
         """N_e(K)."""
         return paper_executions(self.K, self.reading)

@@ -23,9 +23,10 @@ class SequentialTest:
     """Test of "the success rate is at least `rate`", wrong with probability at most `level` when it accepts.
 
     It accepts when the evidence for a rate above `rate` reaches 1 / level, rejects when that for a rate below reaches
-    1 / futility, and gives up as soon as it cannot accept within `limit` executions any more. A plan whose rate is at most `rate` is ever accepted with
-    probability at most `level` (see `log_evidence`); giving up early only lowers that. A plan whose rate is at least
-    `rate` is rejected with probability at most `futility`, which costs speed, not safety.
+    1 / futility, and gives up as soon as it cannot accept within `limit` executions any more. A plan whose rate is at
+    most `rate` is ever accepted with probability at most `level` (see `log_evidence`); giving up early only lowers
+    that. A plan whose rate is at least `rate` is rejected with probability at most `futility`, which costs speed, not
+    safety.
     """
 
     rate: float
