@@ -19,7 +19,7 @@ from robustopt.contact import carried
 from robustopt.errors import ConfigError
 from robustopt.problem import TimeScalingProblem, build_rows
 from robustopt.robot import load_robot
-from robustopt.timescaling import Plan, Status, solve
+from robustopt.timescaling import Plan, Status, solve, standstill
 from robustopt.uncertainty import friction
 
 BISECTIONS = 12
@@ -62,10 +62,15 @@ class Diagnosis:
     conflicts: tuple[tuple[str, ...], ...]
     remedies: tuple[Remedy, ...]
     standstill: bool
+    from_rest: bool
 
     @property
     def sentence(self) -> str:
-        what = "the robot cannot stand still" if self.standstill else "no speed and acceleration is left"
+        what = "no speed and acceleration is left"
+        if self.standstill:
+            what = "the robot cannot stand still"
+        elif self.from_rest:
+            what = "no timing that starts from rest gets to the end"
         limits = "; ".join(" together with ".join(conflict) for conflict in self.conflicts)
         return f"At s = {self.s:.4g} ({self.place}) {what}. Cannot hold for every value in the intervals: {limits}."
 
@@ -82,7 +87,8 @@ def diagnose(plan: Plan) -> Diagnosis:
         place=problem.path.label(float(problem.s[point])),
         conflicts=conflicts,
         remedies=tuple(_remedies(problem, conflicts)),
-        standstill=bool(problem.rest[point]),
+        standstill=standstill(problem) == point,
+        from_rest=bool(problem.rest[point]) and standstill(problem) != point,
     )
 
 

@@ -16,7 +16,7 @@ from robustopt.problem import TimeScalingProblem
 from robustopt.timescaling.plan import Plan, Status, failed_plan, interval_ends
 from robustopt.timescaling.reachability import solve_reachability
 
-__all__ = ["Plan", "Status", "solve"]
+__all__ = ["Plan", "Status", "solve", "standstill"]
 
 MOST_ROUNDS = 60
 """Rounds of rows and relinearisations; the waiter tasks take about ten."""
