@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import cached_property
 
 import numpy as np
 
@@ -39,8 +40,8 @@ class Plan:
     """A timing of a path.
 
     s, piece, x: grid points, piece of the path and sd^2, (P,); u: sdd on each interval, (P - 1,), 0 where it has no
-    length; duration [s]; active: names of the limits that bind on each interval; stuck: for an infeasible problem the
-    grid point where no choice is left, else -1; statistics: figures of the solution process
+    length; duration [s]; stuck: for an infeasible problem the grid point where no choice is left, else -1;
+    statistics: figures of the solution process
     """
 
     status: Status
@@ -51,10 +52,14 @@ class Plan:
     x: Array
     u: Array
     duration: float
-    active: tuple[tuple[str, ...], ...]
     problem: TimeScalingProblem = field(repr=False)
     statistics: Mapping[str, float]
     stuck: int = -1
+
+    @cached_property
+    def active(self) -> tuple[tuple[str, ...], ...]:
+        """Names of the limits that bind at either end of each interval; empty for a plan without a timing."""
+        return _active(self.problem, self.x, self.u) if self.status is Status.SOLVED else ()
 
 
 def duration_of(ds: Array, x: Array) -> float:
@@ -84,7 +89,7 @@ def solved_plan(problem: TimeScalingProblem, x: Array, method: str, statistics: 
         array.flags.writeable = False
     return Plan(
         Status.SOLVED, Status.SOLVED.sentence, method, problem.s, problem.piece, x, u, duration_of(problem.ds, x),
-        _active(problem, x, u), problem, statistics,
+        problem, statistics,
     )  # fmt: skip
 
 
@@ -93,7 +98,7 @@ def failed_plan(
 ) -> Plan:
     """A plan without a timing."""
     none = np.zeros(0)
-    return Plan(status, message, method, problem.s, problem.piece, none, none, np.inf, (), problem, statistics, stuck)
+    return Plan(status, message, method, problem.s, problem.piece, none, none, np.inf, problem, statistics, stuck)
 
 
 def _active(problem: TimeScalingProblem, x: Array, u: Array) -> tuple[tuple[str, ...], ...]:
