@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 RUN := $(BIN)/robustopt
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow lint format type docs bench reproduce-tables clean
+.PHONY: help demo test test-slow lint format type docs bench bench-execution reproduce-tables clean
 
 help:  ## what each target does
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 20
@@ -46,6 +46,9 @@ docs: $(VENV)/.run  ## the reference of the configuration and its JSON Schema
 
 bench: $(VENV)/.test  ## time the solvers side by side; writes results/benchmarks
 	$(BIN)/python experiments/bench_planning.py
+
+bench-execution: $(VENV)/.test  ## executor against a bare MuJoCo rollout, and its memory; writes results/benchmarks
+	$(BIN)/python experiments/bench_execution.py
 
 reproduce-tables: $(VENV)/.run  ## durations at the paper's coefficients of friction, beside the paper's; writes results/tables
 	$(BIN)/python experiments/table_durations.py
