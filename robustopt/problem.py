@@ -37,6 +37,9 @@ With 0.45, 200 intervals are within 0.3 % of a fine grid on all waiter tasks; be
 STANDARD_GRAVITY = 9.81
 """Turns a mass into the weight that contact rows are a fraction of, whatever the configured gravity [m/s^2]."""
 
+WITHOUT_LIMIT = 1e3
+"""A problem without its joint acceleration limits still bounds |u|, but by this factor further out."""
+
 
 def gridpoints(path: Path, intervals: int) -> tuple[Array, Array]:
     """Grid of a path: s (P,) and the piece of each grid point (P,); stops are doubled, P = intervals + pieces."""
@@ -251,6 +254,8 @@ def _with_rows(
     joint_names = np.tile(np.arange(n), 2)
     polygons = limits.outline.copy()
     used = counts[n + joint_names]
+    if not used.all():
+        polygons = start(WITHOUT_LIMIT * limits.outline.vertices[:, 1, 0], limits.x_max, limits.velocity_name)
     cut_affine(polygons, np.ascontiguousarray(limits.acceleration[:, used]), (n + joint_names)[used])
     for family, rows, index in zip(limits.contacts, facets, names, strict=True):
         used = counts[index]
