@@ -69,6 +69,8 @@ def solve(problem: TimeScalingProblem, method: str | None = None) -> Plan:
         plan = failed_plan(
             plan.problem, Status.ITERATION_LIMIT, method, Status.ITERATION_LIMIT.sentence, -1, plan.statistics
         )
+    if plan.status is Status.INFEASIBLE and (at_rest := standstill(plan.problem)) >= 0:
+        plan = replace(plan, stuck=at_rest)
     figures["solve_seconds"] = time.perf_counter() - began
     return replace(plan, statistics={**plan.statistics, **figures})
 
