@@ -122,7 +122,7 @@ def execute(
     seed: Seed = None,
     speed: Annotated[float, typer.Option(min=0.01, max=100, help="run the plan this many times as fast")] = 1.0,
     workers: Annotated[int, typer.Option(min=1, help="processes; threads share the cores that they leave")] = 1,
-    figures: Annotated[bool, typer.Option(help="draw the figures of a new plan")] = True,
+    figures: Annotated[bool, typer.Option(help="draw the figures")] = True,
     json: Json = False,
     quiet: Quiet = False,
 ) -> int:
@@ -223,7 +223,7 @@ def _execute_new(config: Config, out: Path | None, options: _Execution) -> int:
         with _status("planning", silent):
             from robustopt.execution_run import execute_plan, write_execution_run
             from robustopt.experiment import plan_task, write_run
-            from robustopt.report import write_figures_and_page
+            from robustopt.report import write_execution_figures, write_figures_and_page
 
             planned = plan_task(config)
             _stop_if_interrupted()
@@ -234,6 +234,8 @@ def _execute_new(config: Config, out: Path | None, options: _Execution) -> int:
                 result = execute_plan(config, planned, options.workers, options.speed, progress)
             _interruptions.clear()
             data, code = write_execution_run(result, run.folder, sys.argv[1:]), result.exit_code
+            if options.figures:
+                write_execution_figures(result, run.folder)
         write_figures_and_page(planned, data, run.folder, options.figures)
         _stop_if_interrupted()
     return _end_execution(data, run.place, code, options)
@@ -246,11 +248,13 @@ def _execute_stored(folder: Path, changes: Sequence[str], out: Path | None, opti
     with new_run(str(read_summary(folder)["name"]), out) as run:
         with _trials(silent) as progress:
             from robustopt.execution_run import execute_stored, write_execution_run
-            from robustopt.report import write_page
+            from robustopt.report import write_execution_figures, write_page
 
             result = execute_stored(folder, changes, options.workers, options.speed, progress)
         _interruptions.clear()
         data = write_execution_run(result, run.folder, sys.argv[1:])
+        if options.figures:
+            write_execution_figures(result, run.folder)
         write_page(data, run.folder)
         _stop_if_interrupted()
     return _end_execution(data, run.place, result.exit_code, options)

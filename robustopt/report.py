@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 if TYPE_CHECKING:
+    from robustopt.execution_run import ExecutionResult
     from robustopt.experiment import PlanResult
 
 MOST_LIMITS = 8
@@ -20,7 +21,7 @@ MOST_LIMITS = 8
 
 PAGE = "report.html"
 
-FIGURES = ("phase_plane.svg", "contacts.svg", "joints*.svg")
+FIGURES = ("trials.svg", "phase_plane.svg", "contacts.svg", "joints*.svg", "accelerations.svg")
 """Figures of the page in their order; what binds is a table of it already."""
 
 _COLOURS = {"solved": "green", "infeasible": "yellow"}
@@ -163,6 +164,23 @@ def write_figures_and_page(result: PlanResult, data: Mapping[str, Any], folder: 
 
         write_figures(result.plan, result.config, folder / "figures", result.certificate)
     write_page(data, folder)
+
+
+def write_execution_figures(result: ExecutionResult, folder: Path) -> None:
+    """Draw an early trial that failed beside one that succeeded, or what there is of them."""
+    from robustopt.execution.trace import trace
+    from robustopt.plotting import write_execution_figures as write
+
+    executions = result.executions
+    ended = [outcome for outcome in executions.outcomes if outcome.error_steps]
+    chosen = [next((o for o in ended if o.success is success), None) for success in (True, False)]
+    traces = [
+        trace(result.config, result.plan, outcome.trial, executions.seed, executions.speed)
+        for outcome in chosen
+        if outcome is not None
+    ]
+    if traces:
+        write(result.config, traces, result.plan.problem.robot.joint_names, folder / "figures")
 
 
 def write_page(data: Mapping[str, Any], folder: Path) -> None:

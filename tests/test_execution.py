@@ -20,6 +20,7 @@ from robustopt.execution.feedback import acceleration_error
 from robustopt.execution.monte_carlo import Job, cores, run_all, run_trials, share_cores, simulate_trials
 from robustopt.execution.simulation import Workspace
 from robustopt.execution.statistics import clopper_pearson
+from robustopt.execution.trace import trace
 from robustopt.execution.truth import believed_world, true_world, varies
 from robustopt.trajectory import Trajectory
 
@@ -186,6 +187,20 @@ def test_a_friction_is_never_drawn_at_or_below_zero():
     config = scene(objects={"body": FLAT}, contact={"friction": 0.05})
     truth = TruthConfig.model_validate({"variation": {"friction": 1.0}})
     assert min(true_world(config, truth, generator(0, k, WORLD)).friction["body"] for k in range(200)) > 0
+
+
+def test_a_trace_is_the_trial_over_time(slide):
+    config, plan = slide
+    many = execute(config, plan, trials=30)
+    for outcome in (next(o for o in many.outcomes if o.success), next(o for o in many.outcomes if not o.success)):
+        seen = trace(config, plan, outcome.trial)
+        assert _same(seen.outcome, outcome)
+        assert np.abs(seen.tracking_error).max() == outcome.tracking_error
+        assert seen.objects["body"].slip.max() == outcome.objects["body"].slip
+        error = (seen.executed - seen.planned)[seen.moving]
+        assert error.mean(axis=0) == pytest.approx(outcome.error_mean)
+        if not outcome.success:
+            assert seen.t[np.argmax(seen.objects["body"].slip > 0.005)] == outcome.time
 
 
 # Disturbance and feedback ---------------------------------------------------------------------------------

@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -80,6 +79,18 @@ def test_a_task_is_planned_and_executed_into_a_whole_run_folder(run, tmp_path):
     assert 0 < float(failed["t"]) < told["duration"]
     assert 0 < float(failed["s"]) < 1
     assert float(failed["slip_block"]) > 0.005
+
+
+def test_the_figures_show_a_failing_trial_beside_a_succeeding_one(run, tmp_path):
+    assert run("execute", WAITER, *QUICK[:-1], *TRUTH, "--trials", 12, "--seed", 3, "--out", "a", "--quiet")[0] == 0
+    assert {"trials.svg", "accelerations.png"} <= {path.name for path in (tmp_path / "a" / "figures").iterdir()}
+    drawn = (tmp_path / "a" / "figures" / "trials.svg").read_text()
+    assert "success" in drawn
+    assert "slid block" in drawn
+    assert (tmp_path / "a" / "report.html").read_text().count("data:image/svg+xml") == 5
+    assert run("execute", "a", "--out", "b", "--quiet")[0] == 0
+    for name in ("trials.svg", "accelerations.svg"):
+        assert (tmp_path / "a" / "figures" / name).read_bytes() == (tmp_path / "b" / "figures" / name).read_bytes()
 
 
 def test_the_file_has_the_outcomes_number_for_number(run, tmp_path):
@@ -218,19 +229,40 @@ def test_a_full_disk_leaves_nothing(run, tmp_path, stored, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+SAYS_WHAT_IS_DONE = """
+import sys
+from contextlib import contextmanager
+from robustopt import cli
+
+@contextmanager
+def told(silent):
+    yield lambda done, total, successes: print("done", done, file=sys.stderr, flush=True)
+
+cli._trials = told
+cli.main()
+"""
+
+
 @pytest.mark.parametrize("workers", [1, 2])
 def test_ctrl_c_keeps_what_was_done(tmp_path, stored, workers):
-    command = [sys.executable, "-m", "robustopt.cli", "execute", str(stored), "--trials", "100000", "--out", "kept"]
-    process = subprocess.Popen(
-        [*command, "--workers", str(workers)], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    deadline = time.monotonic() + 60
-    while not list(tmp_path.glob(".kept.partial-*")) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    time.sleep(10.0)
+    arguments = [
+        "execute",
+        str(stored),
+        "--trials",
+        "100000",
+        "--out",
+        "kept",
+        "--workers",
+        str(workers),
+        "--no-figures",
+    ]
+    command = [sys.executable, "-c", SAYS_WHAT_IS_DONE, *arguments]
+    process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stderr is not None
+    assert process.stderr.readline().startswith("done")
     os.kill(process.pid, signal.SIGINT)
-    out, err = process.communicate(timeout=60)
-    assert process.returncode == 130
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == 130, err
     assert "Traceback" not in out + err
     summary, rows = read_summary(tmp_path / "kept"), table(tmp_path / "kept" / "executions.csv")
     assert summary["status"] == "interrupted"

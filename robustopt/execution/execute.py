@@ -98,24 +98,30 @@ def execute(
         ConfigError: the plan is of another task, or a key of `execution` does not fit the robot.
         SimulationFailed: the plan is not finite, or worker processes died again and again.
     """
+    job = prepare(config, plan, seed, speed)
+    execution, planned = job.execution, job.planned
+    chosen = tuple(range(execution.trials if trials is None else trials)) if numbers is None else tuple(numbers)
+    outcomes, _ = run_all(job, chosen, workers, progress)
+    return Executions(
+        tuple(outcomes), len(chosen), job.seed, speed, plan.duration / speed, execution.timestep, len(planned.t),
+        execution.confidence, feedback_of(outcomes),
+    )  # fmt: skip
+
+
+def prepare(config: Config, plan: Plan, seed: int | None = None, speed: float = 1.0) -> Job:
+    """What any trial of a plan needs; arguments and errors as of `execute`."""
     _require_same_task(config, plan)
     execution = config.execution or ExecutionConfig()
     config = config.model_copy(update={"execution": execution})
     trajectory = Trajectory.from_plan(plan, speed)
     _require_usable(trajectory, execution)
-    planned = reference(trajectory, execution.timestep, execution.hold)
-    seed = config.seed if seed is None else seed
-    chosen = tuple(range(execution.trials if trials is None else trials)) if numbers is None else tuple(numbers)
     path = trajectory.at_gridpoints().q
     gains = gains_of(config, plan.problem.robot, path)
     builder = SceneBuilder(config, gains, execution.timestep)
     model = builder.model(believed_world(config))
     require_stable(model, builder.layout(model), gains, builder.robot.joint_names, path)
-    outcomes, _ = run_all(Job(config, execution, gains, planned, seed), chosen, workers, progress)
-    return Executions(
-        tuple(outcomes), len(chosen), seed, speed, trajectory.duration, execution.timestep,
-        len(planned.t), execution.confidence, feedback_of(outcomes),
-    )  # fmt: skip
+    planned = reference(trajectory, execution.timestep, execution.hold)
+    return Job(config, execution, gains, planned, config.seed if seed is None else seed)
 
 
 def _require_same_task(config: Config, plan: Plan) -> None:

@@ -45,7 +45,7 @@ class Job:
 def run_trials(job: Job, trials: Sequence[int], threads: int, workspace: Workspace | None = None) -> list[TrialOutcome]:
     """Run trials by their numbers, all in one chunk."""
     prepared, record = simulate_trials(job, trials, threads, workspace or Workspace())
-    return [_outcome(job, prepared, record, i) for i in range(len(trials))]
+    return [outcome_of(job, prepared, record, i) for i in range(len(trials))]
 
 
 @dataclass(frozen=True)
@@ -83,18 +83,18 @@ def simulate_trials(job: Job, trials: Sequence[int], threads: int, workspace: Wo
     return Prepared(trials, worlds, offsets, layout, builder), record
 
 
-def _outcome(job: Job, prepared: Prepared, record: Record, i: int) -> TrialOutcome:
+def outcome_of(job: Job, prepared: Prepared, record: Record, i: int) -> TrialOutcome:
+    """The outcome of the trial with index i of a chunk."""
     layout, robot, planned = prepared.layout, prepared.builder.robot, job.planned
     diverged = bool(record.diverged[i])
     outcome = judge(
         prepared.trials[i], prepared.worlds[i], job.execution.failure, planned, layout.interfaces, robot.joint_names,
-        robot.limits.torque, np.abs(_joints(record, layout, i) - planned.q - prepared.offsets[i]).max(),
+        robot.limits.torque, np.abs(joint_positions(record, layout, i) - planned.q - prepared.offsets[i]).max(),
         record.torque[i][:, layout.dofs], record.sensors[i], diverged,
     )  # fmt: skip
     if diverged or not planned.moving.any():
         return outcome
-    velocity = np.vstack([record.start_qvel[i, layout.dofs], record.qvel[i][:, layout.dofs]])
-    filtered, raw = acceleration_error(velocity, planned, job.execution.timestep)
+    filtered, raw = acceleration_error(joint_velocities(record, layout, i), planned, job.execution.timestep)
     mean, square = moments(filtered[planned.moving])
     raw_mean, raw_square = moments(raw[planned.moving])
     return replace(
@@ -103,9 +103,14 @@ def _outcome(job: Job, prepared: Prepared, record: Record, i: int) -> TrialOutco
     )  # fmt: skip
 
 
-def _joints(record: Record, layout: Layout, i: int) -> Array:
+def joint_positions(record: Record, layout: Layout, i: int) -> Array:
     """Joint positions of a trial at the start of each step, (N, n)."""
     return np.vstack([record.start_qpos[i, layout.joints], record.qpos[i, :-1][:, layout.joints]])
+
+
+def joint_velocities(record: Record, layout: Layout, i: int) -> Array:
+    """Joint velocities of a trial before each step and after the last, (N + 1, n)."""
+    return np.vstack([record.start_qvel[i, layout.dofs], record.qvel[i][:, layout.dofs]])
 
 
 # Chunks over processes ------------------------------------------------------------------------------------

@@ -152,18 +152,25 @@ def judge(
     )
 
 
-def _judge_object(motions: Sequence[Motion], failure: FailureConfig, t: Array) -> ObjectOutcome:
-    """The outcome of an object: furthest from its place against any support, and off all of them to lose contact."""
+def motion_of_object(motions: Sequence[Motion]) -> Motion:
+    """Movement of an object that stands on several: the furthest from its place against any, the lift off all."""
     slip, tilt, drop = (np.max([getattr(m, kind) for m in motions], axis=0) for kind in ("slip", "tilt", "drop"))
-    lift = np.min([m.lift for m in motions], axis=0)
+    return Motion(slip, tilt, drop, np.min([m.lift for m in motions], axis=0))
+
+
+def _judge_object(motions: Sequence[Motion], failure: FailureConfig, t: Array) -> ObjectOutcome:
+    """The outcome of an object from its movement against each of its supports."""
+    motion = motion_of_object(motions)
     limits = (
-        (Status.FELL, drop, failure.drop), (Status.TIPPED, tilt, failure.tilt),
-        (Status.LOST_CONTACT, lift, failure.lift), (Status.SLID, slip, failure.slip),
+        (Status.FELL, motion.drop, failure.drop), (Status.TIPPED, motion.tilt, failure.tilt),
+        (Status.LOST_CONTACT, motion.lift, failure.lift), (Status.SLID, motion.slip, failure.slip),
     )  # fmt: skip
     events = [(int(np.argmax(values > limit)), status) for status, values, limit in limits if values.max() > limit]
     step, status = min(events, key=lambda event: event[0], default=(-1, Status.SUCCESS))
     time = float(t[step]) if events else np.nan
-    return ObjectOutcome(status, time, *(float(values.max()) for values in (slip, tilt, drop, lift)))
+    return ObjectOutcome(
+        status, time, *(float(values.max()) for values in (motion.slip, motion.tilt, motion.drop, motion.lift))
+    )
 
 
 def _first_run(true: Array, length: int) -> int | None:

@@ -1,17 +1,20 @@
-"""Figures of a plan: phase plane, joints against their limits, contacts against theirs, and what binds.
+"""Figures of a plan and its executions: phase plane, joints and contacts against their limits, what binds, trials.
 
 Every figure is a `matplotlib.figure.Figure`; nothing here touches pyplot or the user's matplotlib settings.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from matplotlib.figure import Figure
 
 from robustopt.certificate import interface_utilisation
+from robustopt.config_model import ExecutionConfig
 from robustopt.plotting.bars import contacts_figure, shares_figure
+from robustopt.plotting.executions import accelerations_figure, trials_figure
 from robustopt.plotting.joints import joint_figures
 from robustopt.plotting.phase_plane import phase_plane
 from robustopt.plotting.style import house_style, save
@@ -21,6 +24,7 @@ from robustopt.trajectory import binding_shares
 if TYPE_CHECKING:
     from robustopt.certificate import Certificate
     from robustopt.config import Config
+    from robustopt.execution.trace import Trace
     from robustopt.timescaling.plan import Plan
 
 __all__ = [
@@ -31,6 +35,7 @@ __all__ = [
     "phase_plane",
     "shares_figure",
     "velocity_limits",
+    "write_execution_figures",
     "write_figures",
 ]
 
@@ -49,6 +54,27 @@ def write_figures(plan: Plan, config: Config, folder: Path, certificate: Certifi
     folder.mkdir(parents=True, exist_ok=True)
     with house_style():
         drawn = figures(plan, config, certificate)
+        return [path for name, figure in drawn.items() for path in save(figure, folder, name)]
+
+
+def write_execution_figures(
+    config: Config, traces: Sequence[Trace], joint_names: Sequence[str], folder: Path
+) -> list[Path]:
+    """Write the figures of trials: the first trace is the one whose accelerations are drawn.
+
+    Args:
+        config: what was executed.
+        traces: of one trial, or of several to stand side by side.
+        joint_names: of the robot.
+        folder: made if it is missing.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    failure = (config.execution or ExecutionConfig()).failure
+    with house_style():
+        drawn = {
+            "trials": trials_figure(traces, joint_names, failure, config.name),
+            "accelerations": accelerations_figure(traces[0], joint_names, config.name),
+        }
         return [path for name, figure in drawn.items() for path in save(figure, folder, name)]
 
 
