@@ -23,6 +23,7 @@ from robustopt.learning.confidence import (
     successes_needed,
     upper_bound,
 )
+from robustopt.learning.earned import earned
 from robustopt.learning.sequential import SequentialTest, Verdict, shortest_acceptance
 
 RATES = st.floats(0.01, 0.99)
@@ -210,3 +211,22 @@ def test_evidence_of_what_is_impossible_is_none():
     assert bad_luck(0, 5000, 0.99) == 0
     assert bad_luck(5000, 0, 0.01) == 1
     assert np.isfinite(log_evidence(100_000, 10, 0.99, above=True))
+
+
+def test_what_a_run_of_ilrobs_earned():
+    result = earned(7, phi(1.0), 0.95, tests=6)
+    assert result.lower == pytest.approx(0.05 ** (1 / 7))
+    assert result.simultaneous == pytest.approx((0.05 / 6) ** (1 / 7))
+    assert result.earned == pytest.approx(1 - phi(1.0) ** 7)
+    assert result.needed == 18
+    assert result.sentence == (
+        "7 successes in a row show a success rate of at least 0.652 at 0.95 confidence, or 0.505 as the best of 6 "
+        "tested plans; that it is at least 0.841 they show at 0.702. 0.841 at 0.95 takes 18 in a row."
+    )
+
+
+def test_the_simultaneous_bound_holds_for_the_best_of_several_plans():
+    """Plans just below the bound, each tested until one passes: one does at most as often as was allowed."""
+    bound = earned(7, 0.8, 0.9, tests=6).simultaneous - 1e-9
+    assert 0.09 < 1 - (1 - bound**7) ** 6 <= 0.1
+    assert 1 - (1 - earned(7, 0.8, 0.9).lower ** 7) ** 6 > 0.4

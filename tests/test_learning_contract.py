@@ -30,7 +30,10 @@ CASES = {
     ),
     "ilrobs": Ilrobs(),
     "ilrobs, two-sided": Ilrobs(K=2.0, reading=Reading.TWO_SIDED, try_upper=False, friction=(0.1, 0.9)),
-    "ilrobs-calibrated": Calibrated(rate=0.7, K_values=(0.0, 1.0)),
+    "ilrobs-calibrated": Calibrated(rate=0.7, K_values=(0.0, 1.0), resolution=0.02),
+    "ilrobs-calibrated, from a belief": Calibrated(
+        rate=0.6, K_values=(0.0,), resolution=0.05, first=Belief(0.2, ErrorInterval((0.1, 0.0), (0.2, 0.1), 1.0))
+    ),
 }
 
 WORLDS = {

@@ -1,7 +1,7 @@
 """Learners: they move beliefs about friction and acceleration errors by what executions show.
 
 `learner` is the contract; `bisection` (paper, Alg. 1), `acceleration_interval` (paper, page 8), `ilrobs` (paper,
-Alg. 2) and `calibrated` (ours) are learners; `confidence` and `sequential` say how sure one may be.
+Alg. 2) and `calibrated` (ours) are learners; `confidence`, `earned` and `sequential` say how sure one may be.
 """
 
 from __future__ import annotations

@@ -33,14 +33,16 @@ class Calibrated(Learner[CalibratedState]):
     faster than the best accepted one by `resolution`, is passed over without executions, and mu goes up. A plan that
     its test accepts becomes the best, and mu goes up; any other lowers mu. The first chain has K = 0, plans without
     acceleration errors; its executions give the U and Delta of the others. A chain halves until its ends differ by
-    `resolution` in duration where friction alone binds, T ~ 1 / sqrt(mu).
+    `resolution` in duration where friction alone binds, T ~ 1 / sqrt(mu). A belief may be given that is tested before
+    all chains, such as the best one of ILROBS, so that the result is not slower where that one is accepted.
 
-    **Error.** At most M = (number of K) * (halvings of a chain) tests are made. Each has the level (1 - confidence) / M
-    and executions of its own. Given all that went before, which includes the choice of the plan, the j-th test accepts
-    a plan of a rate below p with probability at most its level (`SequentialTest`); so without that condition too. By
-    the union bound over j, the probability that *any* plan of a rate below p is ever accepted, the best one among
-    them, is at most 1 - confidence. This needs that executions of one plan are independent with one success rate. It
-    needs nothing else: no monotone success, no right U and Delta; these only help to find a fast plan.
+    **Error.** At most M tests are made: (number of K) * (halvings of a chain), and 1 for a belief given. Each has the
+    level (1 - confidence) / M and executions of its own. Given all that went before, which includes the choice of the
+    plan, the j-th test accepts a plan of a rate below p with probability at most its level (`SequentialTest`); so
+    without that condition too. By the union bound over j, the probability that *any* plan of a rate below p is ever
+    accepted, the best one among them, is at most 1 - confidence. This needs that executions of one plan are independent
+    with one success rate. It needs nothing else: no monotone success, no right U and Delta; these only help to find a
+    fast plan.
 
     rate: p; confidence; friction: bounds of mu, above 0; resolution: relative difference of durations that matters;
     K_values: from 0; futility: largest probability to reject a plan that meets p; patience: a test gives up after this
@@ -53,10 +55,11 @@ class Calibrated(Learner[CalibratedState]):
     rate: float = 0.9
     confidence: float = 0.95
     friction: tuple[float, float] = (0.05, 1.0)
-    resolution: float = 0.02
+    resolution: float = 0.01
     K_values: tuple[float, ...] = (0.0, 0.5, 1.0, 2.0)
     futility: float = 0.05
-    patience: float = 3.0
+    patience: float = 4.0
+    first: Belief | None = None
 
     def __post_init__(self) -> None:
         require_friction(self.friction)
@@ -75,17 +78,23 @@ class Calibrated(Learner[CalibratedState]):
         low, high = self.friction
         return max(1, ceil(log2(log(high / low) / (2 * log1p(self.resolution)))))
 
+    @property
+    def tests(self) -> int:
+        """M, the largest number of tests."""
+        return len(self.K_values) * self.depth + (self.first is not None)
+
     @cached_property
     def test(self) -> SequentialTest:
         """The test that every plan is put to."""
-        level = (1 - self.confidence) / (len(self.K_values) * self.depth)
+        level = (1 - self.confidence) / self.tests
         return SequentialTest(
             self.rate, level, self.futility, ceil(self.patience * shortest_acceptance(self.rate, level))
         )
 
     def initial(self) -> CalibratedState:
         low, high = map(float, self.friction)
-        return self._advance(CalibratedState(low=low, high=high))
+        state = CalibratedState(low=low, high=high)
+        return self._advance(state) if self.first is None else replace(state, trial=Trial(self.first))
 
     def _wanted(self, state: CalibratedState, trial: Trial) -> tuple[int, float]:
         return self.test.limit - trial.executions, 1.0
@@ -113,6 +122,8 @@ class Calibrated(Learner[CalibratedState]):
         return self._next(state, trial, results[verdict])
 
     def _next(self, state: CalibratedState, trial: Trial, result: Result) -> CalibratedState:
+        if not state.rows and self.first is not None:
+            return self._advance(replace(state, rows=(Row(1, trial, result, state.low, state.high),)))
         if result in (Result.FAILURE, Result.UNDECIDED):
             state = replace(state, high=trial.friction)
         else:
