@@ -17,7 +17,7 @@ Record = Mapping[str, float | int | str]
 
 CURVES = (
     # part, solver, uncertainty, label, colour, line
-    ("paper's split", IPOPT, "none", "ipopt with inner programs", style.VERMILLION, "-"),
+    ("paper's split", IPOPT, "none", "ipopt with inner programs, no uncertainty", style.VERMILLION, "-"),
     ("whole plan", PLAN, "all five", "whole plan, all five kinds of intervals", style.INDIGO, "--"),
     ("whole plan", PLAN, "none", "whole plan, no uncertainty", style.INDIGO, "-"),
     ("solver stage", TOPPRA, None, "toppra (seidel)", style.GREEN, "-"),

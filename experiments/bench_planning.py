@@ -48,26 +48,36 @@ PAPER_FIGURE_3 = {200: 10.0, 2000: 40.0}
 """Seconds by N, read off the paper's figure 3: about 10 s, and over 40 s; two blocks, 8 contact points, 2.9 GHz."""
 
 REFERENCE = 1000
-"""N whose time per collocation point the others are compared with: fixed costs hardly count there."""
+"""N up to which a whole plan is repeated in full, and beyond which the less, the more points it has."""
 
 
 @dataclass(frozen=True)
 class Size:
-    """How much is measured: numbers of collocation points and repetitions of each part."""
+    """How much is measured: numbers of collocation points and repetitions of each part.
+
+    growth: grids whose time per point is compared with the first, where fixed costs hardly count; growth_turn: how long
+    each of them is repeated before the next has its turn [s]; from_source: cold starts with nothing compiled
+    """
 
     rows: tuple[int, ...] = (100, 200, 500, 1000, 2000, 5000)
     whole: tuple[int, ...] = (100, 200, 500, 1000, 2000, 5000)
     split: tuple[int, ...] = (50, 100, 200, 500, 1000, 2000)
     grids: tuple[int, ...] = (50, 100, 200, 500, 1000, 2000, 5000)
     repetitions: int = 21
-    whole_repetitions: int = 9
+    growth: tuple[int, ...] = (1000, 2000, 5000)
+    growth_repetitions: int = 7
+    growth_turn: float = 0.5
     split_repetitions: int = 3
     cold: int = 5
     from_source: int = 2
     configs: tuple[str, ...] = tuple(sorted(path.stem for path in (ROOT / "configs").glob("waiter_*.yaml")))
 
 
-QUICK = Size((20, 40), (20, 40), (20,), (20, 40, 80), 2, 2, 1, 1, 0, (TWO_BLOCKS, SIDE_BY_SIDE))
+QUICK = Size(
+    rows=(20, 40), whole=(20, 40), split=(20,), grids=(20, 40, 80), repetitions=2, growth=(20, 40),
+    growth_repetitions=2, growth_turn=0.02, split_repetitions=1, cold=1, from_source=0,
+    configs=(TWO_BLOCKS, SIDE_BY_SIDE),
+)  # fmt: skip
 
 
 def configured(name: str, points: int, *overrides: str) -> Config:
@@ -161,20 +171,38 @@ def whole_plan(size: Size) -> Iterator[Record]:
     def plan(config: Config) -> Plan:
         return solved(build_rows(config, robot, path))
 
-    configs = {(case, points): configured(TWO_BLOCKS, points, CASES[case]) for points in size.whole for case in CASES}
-    durations = {key: plan(config).duration for key, config in configs.items()}
-    seconds = interleaved({key: partial(plan, config) for key, config in configs.items()}, size.whole_repetitions)
-    base = REFERENCE if REFERENCE in size.whole else size.whole[0]
+    for points in size.whole:
+        configs = {case: configured(TWO_BLOCKS, points, override) for case, override in CASES.items()}
+        durations = {case: plan(config).duration for case, config in configs.items()}
+        calls = {case: partial(plan, config) for case, config in configs.items()}
+        for case, times in interleaved(calls, max(size.repetitions * REFERENCE // max(points, REFERENCE), 2)).items():
+            yield {
+                "part": "whole plan",
+                "config": TWO_BLOCKS,
+                "uncertainty": case,
+                "solver": contenders.PLAN,
+                "N": points,
+                **spread(times),
+                "duration": durations[case],
+            }
+    yield from _growth(plan, size)
+
+
+def _growth(plan: Callable[[Config], Plan], size: Size) -> Iterator[Record]:
+    """Time per collocation point against that on the first grid; the grids take turns of equal length."""
+    configs = {(case, points): configured(TWO_BLOCKS, points, CASES[case]) for case in CASES for points in size.growth}
+    calls = {key: partial(plan, config) for key, config in configs.items()}
+    seconds = interleaved(calls, size.growth_repetitions, size.growth_turn)
+    first = size.growth[0]
     for (case, points), times in seconds.items():
         yield {
-            "part": "whole plan",
+            "part": "growth",
             "config": TWO_BLOCKS,
             "uncertainty": case,
             "solver": contenders.PLAN,
             "N": points,
             **spread(times),
-            "per_point": float(np.median(times / points / (seconds[case, base] / base))),
-            "duration": durations[case, points],
+            "per_point": float(np.median(times / points / (seconds[case, first] / first))),
         }
 
 

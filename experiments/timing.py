@@ -17,17 +17,22 @@ Array = np.ndarray
 Key = TypeVar("Key")
 
 SHORTEST = 2e-3
-"""A shorter call is repeated for so long and the time divided: the clock and cold caches count little then [s]."""
+"""Where the clock and cold caches count little [s]."""
 
 LONG = 0.5
 """A call longer than this is warm after one round [s]."""
 
 
-def interleaved(calls: Mapping[Key, Callable[[], object]], repetitions: int) -> dict[Key, Array]:
-    """Seconds per call, (repetitions,) each: the calls take turns, A B C A B C, after a round or two to warm up."""
+def interleaved(
+    calls: Mapping[Key, Callable[[], object]], repetitions: int, shortest: float = SHORTEST
+) -> dict[Key, Array]:
+    """Seconds per call, (repetitions,) each: the calls take turns, A B C A B C, after a round or two to warm up.
+
+    shortest: a shorter call is repeated for so long before the next has its turn, and the time divided [s]
+    """
     once = {name: _seconds(call, 1) for name, call in calls.items()}
     once = {name: _seconds(calls[name], 1) if seconds < LONG else seconds for name, seconds in once.items()}
-    counts = {name: ceil(SHORTEST / max(seconds, 1e-9)) for name, seconds in once.items()}
+    counts = {name: ceil(shortest / max(seconds, 1e-9)) for name, seconds in once.items()}
     rounds = [{name: _seconds(call, counts[name]) for name, call in calls.items()} for _ in range(repetitions)]
     return {name: np.array([times[name] for times in rounds]) for name in calls}
 

@@ -119,6 +119,7 @@ class TestPlanningBenchmark:
             *(("solver stage", solver) for solver in stage),
             *(("cold start", solver) for solver in stage - {"reachability, all"}),
             *(("whole plan", step) for step in ("robot", "path", "reachability, rows and solve")),
+            ("growth", "reachability, rows and solve"),
             ("paper's split", "ipopt, inner programs"),
             ("discretisation", "reachability"),
         }
