@@ -128,6 +128,12 @@ def cut(polygons: Polygons, family: Family) -> None:
 
 
 @nb.njit(cache=True)
+def _copy(R, L, k, R2, L2, m):
+    """Row and name of edge k become those of edge m, without temporary arrays."""
+    R2[m, 0], R2[m, 1], R2[m, 2], L2[m] = R[k, 0], R[k, 1], R[k, 2], L[k]
+
+
+@nb.njit(cache=True)
 def _clip(V, R, L, valid, n, a, b, c, name, V2, R2, L2, valid2):
     """Keep the part of a polygon with a u + b x + c <= 0; the new edge takes the row's name. Returns the count."""
     m = 0
@@ -137,18 +143,22 @@ def _clip(V, R, L, valid, n, a, b, c, name, V2, R2, L2, valid2):
         if (value > 0.0) != (before > 0.0):
             share = before / (before - value)
             p = k - 1 if k > 0 else n - 1
-            V2[m] = V[p] + share * (V[k] - V[p])
+            for j in range(2):
+                V2[m, j] = V[p, j] + share * (V[k, j] - V[p, j])
             valid2[m] = False
             if value > 0.0:
                 R2[m, 0], R2[m, 1], R2[m, 2], L2[m] = a, b, c, name
             else:
-                R2[m], L2[m] = R[p], L[p]
+                _copy(R, L, p, R2, L2, m)
             m += 1
         if value <= 0.0:
-            V2[m], R2[m], L2[m], valid2[m] = V[k], R[k], L[k], valid[k]
+            V2[m, 0], V2[m, 1], valid2[m] = V[k, 0], V[k, 1], valid[k]
+            _copy(R, L, k, R2, L2, m)
             m += 1
         before = value
-    V[:m], R[:m], L[:m], valid[:m] = V2[:m], R2[:m], L2[:m], valid2[:m]
+    for k in range(m):
+        V[k, 0], V[k, 1], valid[k] = V2[k, 0], V2[k, 1], valid2[k]
+        _copy(R2, L2, k, R, L, k)
     return m
 
 
