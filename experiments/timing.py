@@ -54,7 +54,9 @@ def machine_facts(packages: tuple[str, ...]) -> str:
     """Processor, cores, versions and how busy the machine is, in one paragraph."""
     versions = ", ".join(f"{name} {metadata.version(name)}" for name in packages)
     system = f"{_processor()}, {os.cpu_count()} cores, {platform.system()}, Python {platform.python_version()}"
-    return f"Machine: {system}; {versions}. Load average when the measurements began: {os.getloadavg()[0]:.1f}."
+    threads = os.environ.get("OPENBLAS_NUM_THREADS", "as many as OpenBLAS takes")
+    busy = f"load average when the measurements began: {os.getloadavg()[0]:.1f}"
+    return f"Machine: {system}; {versions}. Threads for linear algebra: {threads}; {busy}."
 
 
 def _processor() -> str:
