@@ -6,8 +6,7 @@ import io
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
@@ -16,14 +15,10 @@ import typer
 
 from robustopt import __version__
 from robustopt.errors import ConfigError, RobustOptError
+from robustopt.terminal import console, fail, print_json, show, status, trials_bar
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from robustopt.config import Config
-
-Progress = Callable[[int, int, int], None]
-"""Called with the trials done, those asked for, and the successes so far."""
 
 INTERRUPTED = 130
 _INTERRUPTED = "interrupted; nothing half-written is left"
@@ -43,6 +38,11 @@ app = typer.Typer(
 class Method(StrEnum):
     ipopt = "ipopt"
     reachability = "reachability"
+
+
+class Backend(StrEnum):
+    loky = "loky"
+    dask = "dask"
 
 
 class Effort(StrEnum):
@@ -122,6 +122,12 @@ def execute(
     seed: Seed = None,
     speed: Annotated[float, typer.Option(min=0.01, max=100, help="run the plan this many times as fast")] = 1.0,
     workers: Annotated[int, typer.Option(min=1, help="processes; threads share the cores that they leave")] = 1,
+    backend: Annotated[
+        Backend, typer.Option(help="where chunks of trials run: processes of this machine, or a Dask cluster")
+    ] = Backend.loky,
+    scheduler: Annotated[
+        str | None, typer.Option(help="address of the Dask scheduler, tcp://HOST:PORT", show_default=False)
+    ] = None,
     figures: Annotated[bool, typer.Option(help="draw the figures")] = True,
     json: Json = False,
     quiet: Quiet = False,
@@ -130,7 +136,9 @@ def execute(
     changes = _changes(overrides, None, seed)
     if trials is not None:
         changes.append(f"execution.trials={trials}")
-    options = _Execution(speed, workers, figures, json, quiet)
+    if (backend is Backend.dask) != (scheduler is not None):
+        raise ConfigError("--backend dask and --scheduler tcp://HOST:PORT go together; found one of them")
+    options = _Execution(speed, workers, scheduler, figures, json, quiet)
     if task.is_dir():
         return _execute_stored(task, changes, out, options)
     try:
@@ -146,7 +154,7 @@ def validate(config: ConfigFile, overrides: Overrides = None, json: Json = False
     """Check a configuration: every mistake with its place, what was found and what would be right."""
     task = _load(config, overrides or [])
     if json:
-        _print_json({"valid": True, "name": task.name})
+        print_json({"valid": True, "name": task.name})
     elif not quiet:
         print(f"{config}: valid")
     return 0
@@ -162,7 +170,7 @@ def report(
     from robustopt.store import read_summary
 
     data = read_summary(run)
-    _show(data, run, json, quiet)
+    show(data, run, json, quiet)
     return 0
 
 
@@ -186,18 +194,18 @@ def _plan(config: Config, out: Path | None, certify: Any, figures: bool, json: b
     from robustopt.store import new_run
 
     with new_run(config.name, out) as run:
-        with _status("planning", json or quiet):
+        with status("planning", json or quiet):
             from robustopt.experiment import plan_task, write_run
 
             result = plan_task(config, certify)
             _stop_if_interrupted()
-        with _status("writing", json or quiet):
+        with status("writing", json or quiet):
             from robustopt.report import write_figures_and_page
 
             data = write_run(result, run.folder, sys.argv[1:])
             write_figures_and_page(result, data, run.folder, figures)
             _stop_if_interrupted()
-    _show(data, run.place, json, quiet)
+    show(data, run.place, json, quiet)
     return result.exit_code
 
 
@@ -206,6 +214,7 @@ class _Execution(NamedTuple):
 
     speed: float
     workers: int
+    scheduler: str | None
     figures: bool
     json: bool
     quiet: bool
@@ -220,7 +229,8 @@ def _execute_new(config: Config, out: Path | None, options: _Execution) -> int:
 
     silent = options.json or options.quiet
     with new_run(config.name, out) as run:
-        with _status("planning", silent):
+        with status("planning", silent):
+            from robustopt.execution import Workers
             from robustopt.execution_run import execute_plan, write_execution_run
             from robustopt.experiment import plan_task, write_run
             from robustopt.report import write_execution_figures, write_figures_and_page
@@ -230,8 +240,9 @@ def _execute_new(config: Config, out: Path | None, options: _Execution) -> int:
         if planned.exit_code:
             data, code = write_run(planned, run.folder, sys.argv[1:]), planned.exit_code
         else:
-            with _trials(silent) as progress:
-                result = execute_plan(config, planned, options.workers, options.speed, progress)
+            workers = Workers(options.workers, options.scheduler)
+            with trials_bar(silent) as progress:
+                result = execute_plan(config, planned, options.speed, workers, progress)
             _interruptions.clear()
             data, code = write_execution_run(result, run.folder, sys.argv[1:]), result.exit_code
             if options.figures:
@@ -246,11 +257,13 @@ def _execute_stored(folder: Path, changes: Sequence[str], out: Path | None, opti
 
     silent = options.json or options.quiet
     with new_run(str(read_summary(folder)["name"]), out) as run:
-        with _trials(silent) as progress:
+        with trials_bar(silent) as progress:
+            from robustopt.execution import Workers
             from robustopt.execution_run import execute_stored, write_execution_run
             from robustopt.report import write_execution_figures, write_page
 
-            result = execute_stored(folder, changes, options.workers, options.speed, progress)
+            workers = Workers(options.workers, options.scheduler)
+            result = execute_stored(folder, changes, options.speed, workers, progress)
         _interruptions.clear()
         data = write_execution_run(result, run.folder, sys.argv[1:])
         if options.figures:
@@ -261,7 +274,7 @@ def _execute_stored(folder: Path, changes: Sequence[str], out: Path | None, opti
 
 
 def _end_execution(data: dict[str, Any], place: Path, code: int, options: _Execution) -> int:
-    _show(data, place, options.json, options.quiet)
+    show(data, place, options.json, options.quiet)
     return _Kept(code) if code == INTERRUPTED else code
 
 
@@ -270,15 +283,15 @@ def _dry_run(config: Config, json: bool, quiet: bool) -> int:
     from robustopt.experiment import problem_size
     from robustopt.problem import build_problem
 
-    with _status("building the problem", json or quiet):
+    with status("building the problem", json or quiet):
         size = problem_size(build_problem(config))
     if json:
-        _print_json({"config": resolved(config), "size": size})
+        print_json({"config": resolved(config), "size": size})
     elif not quiet:
         from robustopt.report import print_rows, rows
 
         print(dump(config), end="")
-        print_rows("Problem", rows(size), _console())
+        print_rows("Problem", rows(size), console())
     return 0
 
 
@@ -298,65 +311,7 @@ def _stop_if_interrupted() -> None:
         raise KeyboardInterrupt
 
 
-# Output ---------------------------------------------------------------------------------------------------
-
-
-def _console(stderr: bool = False) -> Console:
-    from rich.console import Console
-
-    return Console(stderr=stderr, highlight=False)
-
-
-def _status(text: str, silent: bool) -> AbstractContextManager[object]:
-    """A line that says what is going on, where a person is watching."""
-    return nullcontext() if silent or not sys.stderr.isatty() else _console(stderr=True).status(text)
-
-
-@contextmanager
-def _trials(silent: bool) -> Iterator[Progress | None]:
-    """A bar of the trials done with the success so far, where a person is watching."""
-    if silent or not sys.stderr.isatty():
-        yield None
-        return
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
-    from rich.progress import Progress as Bar
-
-    columns = (TextColumn("trials"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[success]}"))
-    with Bar(*columns, TimeRemainingColumn(), console=_console(stderr=True), transient=True) as bar:
-        task = bar.add_task("trials", total=None, success="")
-
-        def update(done: int, total: int, successes: int) -> None:
-            bar.update(task, completed=done, total=total, success=f"{successes / done:.1%} succeeded")
-
-        yield update
-
-
-def _show(data: dict[str, Any], place: Path, json: bool, quiet: bool) -> None:
-    if json:
-        failed = {} if data["status"] == "solved" else {"error": {"kind": data["status"], "message": data["message"]}}
-        _print_json({**data, "folder": str(place), **failed})
-    elif not quiet:
-        from robustopt.report import print_summary
-
-        print_summary(data, _console(), place)
-    elif data["status"] != "solved":
-        print(f"{data['name']}: {data['status']}: {data['message']}", file=sys.stderr)
-
-
-def _print_json(data: dict[str, Any]) -> None:
-    from robustopt.store import json_text
-
-    print(json_text(data))
-
-
-def _fail(kind: str, message: str, code: int, json: bool, problems: Sequence[dict[str, str]] = ()) -> int:
-    if json:
-        error = {"kind": kind, "message": message, "exit_code": code, "problems": list(problems)}
-        _print_json({"error": error})
-    else:
-        for line in message.splitlines():
-            print(f"error: {line}", file=sys.stderr)
-    return code
+# Running --------------------------------------------------------------------------------------------------
 
 
 def _nothing_kept(code: int) -> bool:
@@ -368,17 +323,17 @@ def run(arguments: Sequence[str]) -> int:
     json = "--json" in arguments
     try:
         code = app(list(arguments), prog_name="robustopt", standalone_mode=False) or 0
-        return _fail("Interrupted", _INTERRUPTED, code, json) if _nothing_kept(code) else int(code)
+        return fail("Interrupted", _INTERRUPTED, code, json) if _nothing_kept(code) else int(code)
     except RobustOptError as error:
         problems = [vars(problem) for problem in error.problems] if isinstance(error, ConfigError) else []
-        return _fail(type(error).__name__, str(error), error.exit_code, json, problems)
+        return fail(type(error).__name__, str(error), error.exit_code, json, problems)
     except (KeyboardInterrupt, typer.Abort):
-        return _fail("Interrupted", _INTERRUPTED, INTERRUPTED, json)
+        return fail("Interrupted", _INTERRUPTED, INTERRUPTED, json)
     except Exception as error:
         message = getattr(error, "format_message", None)
         if message is None:
             raise
-        return _fail("UsageError", f"{message().rstrip('.')}; see robustopt --help", 2, json)
+        return fail("UsageError", f"{message().rstrip('.')}; see robustopt --help", 2, json)
 
 
 def main() -> None:

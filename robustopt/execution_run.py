@@ -15,7 +15,7 @@ import numpy as np
 
 from robustopt.config import Config, load_config
 from robustopt.errors import ConfigError, RobotError, RunFolderError
-from robustopt.execution import Executions, execute
+from robustopt.execution import Executions, Workers, execute
 from robustopt.execution.outcome import ObjectOutcome, Status, TrialOutcome
 from robustopt.experiment import PlanResult, summary, write_run
 from robustopt.problem import build_problem
@@ -63,7 +63,11 @@ class ExecutionResult:
 
 
 def execute_plan(
-    config: Config, planned: PlanResult, workers: int, speed: float, progress: Callable[[int, int, int], None] | None
+    config: Config,
+    planned: PlanResult,
+    speed: float,
+    workers: Workers,
+    progress: Callable[[int, int, int], None] | None,
 ) -> ExecutionResult:
     """Execute a plan that has its certificate."""
     start = time.perf_counter()
@@ -74,8 +78,8 @@ def execute_plan(
 def execute_stored(
     folder: Path,
     overrides: Sequence[str],
-    workers: int,
     speed: float,
+    workers: Workers,
     progress: Callable[[int, int, int], None] | None,
 ) -> ExecutionResult:
     """Execute the plan of a stored run.

@@ -38,6 +38,7 @@ LAYERS = [
     ["execution_run"],
     ["tables", "plotting"],
     ["report"],
+    ["terminal"],
     ["cli"],
 ]
 """The table of contents of the method: a module imports only from layers above its own, or from its own layer."""

@@ -12,7 +12,7 @@ from scipy.stats import binom
 from robustopt.config import with_values
 from robustopt.config_model import DisturbanceConfig, ExecutionConfig, TruthConfig
 from robustopt.errors import ConfigError, ProblemInfeasible, SimulationFailed
-from robustopt.execution import Status, execute, monte_carlo
+from robustopt.execution import Status, Workers, execute, monte_carlo
 from robustopt.execution.controller import POSITION_VELOCITY, Gains, gains_of, reference
 from robustopt.execution.disturbance import FORCE, WORLD, forces, generator
 from robustopt.execution.execute import Executions
@@ -315,9 +315,9 @@ def _job(slide) -> Job:
 
 def test_a_worker_that_dies_loses_no_trial_and_changes_no_number(slide, tmp_path, monkeypatch):
     monkeypatch.setattr(monte_carlo, "cores", lambda: 2)
-    expected, _ = run_all(_job(slide), range(55), 1, None)
+    expected, _ = run_all(_job(slide), range(55), Workers(1), None)
     monkeypatch.setattr(monte_carlo, "run_trials", partial(_dies_once, str(tmp_path / "died")))
-    outcomes, complete = run_all(_job(slide), range(55), 2, None)
+    outcomes, complete = run_all(_job(slide), range(55), Workers(2), None)
     assert (tmp_path / "died").exists()
     assert complete
     assert len(outcomes) == 55
@@ -329,7 +329,7 @@ def test_workers_that_die_again_and_again_are_an_error(slide, monkeypatch):
     monkeypatch.setattr(monte_carlo, "run_trials", _always_dies)
     monkeypatch.setattr(monte_carlo, "RETRIES", 1)
     with pytest.raises(SimulationFailed, match="Worker processes died 2 times"):
-        run_all(_job(slide), range(30), 2, None)
+        run_all(_job(slide), range(30), Workers(2), None)
 
 
 def test_a_time_step_that_is_too_long_for_the_controller_is_refused():

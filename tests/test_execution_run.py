@@ -238,7 +238,7 @@ from robustopt import cli
 def told(silent):
     yield lambda done, total, successes: print("done", done, file=sys.stderr, flush=True)
 
-cli._trials = told
+cli.trials_bar = told
 cli.main()
 """
 

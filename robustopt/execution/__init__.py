@@ -6,6 +6,7 @@ random disturbances, and says what became of every object in every trial.
 
 from robustopt.execution.execute import Executions, execute
 from robustopt.execution.feedback import Feedback
+from robustopt.execution.monte_carlo import Workers
 from robustopt.execution.outcome import ObjectOutcome, Status, TrialOutcome
 
-__all__ = ["Executions", "Feedback", "ObjectOutcome", "Status", "TrialOutcome", "execute"]
+__all__ = ["Executions", "Feedback", "ObjectOutcome", "Status", "TrialOutcome", "Workers", "execute"]

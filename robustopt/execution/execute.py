@@ -11,7 +11,7 @@ from robustopt.config_model import Config, ExecutionConfig
 from robustopt.errors import ConfigError, SimulationFailed
 from robustopt.execution.controller import gains_of, reference, require_stable
 from robustopt.execution.feedback import Feedback, feedback_of
-from robustopt.execution.monte_carlo import Job, run_all
+from robustopt.execution.monte_carlo import Job, Workers, run_all
 from robustopt.execution.outcome import Status, TrialOutcome
 from robustopt.execution.scene import SceneBuilder
 from robustopt.execution.statistics import clopper_pearson
@@ -75,7 +75,7 @@ def execute(
     speed: float = 1.0,
     *,
     numbers: Sequence[int] | None = None,
-    workers: int = 1,
+    workers: Workers | int = 1,
     progress: Callable[[int, int, int], None] | None = None,
 ) -> Executions:
     """Run a plan in simulation against the world of `execution.truth`.
@@ -90,7 +90,7 @@ def execute(
         seed: instead of that of the configuration.
         speed: the plan is run this many times as fast.
         numbers: which trials to run, instead of the first `trials`.
-        workers: processes; threads share the cores that they leave.
+        workers: number of processes, or where they are.
         progress: called with the trials done, those asked for and the successes, after every chunk.
 
     Raises:
@@ -101,7 +101,7 @@ def execute(
     job = prepare(config, plan, seed, speed)
     execution, planned = job.execution, job.planned
     chosen = tuple(range(execution.trials if trials is None else trials)) if numbers is None else tuple(numbers)
-    outcomes, _ = run_all(job, chosen, workers, progress)
+    outcomes, _ = run_all(job, chosen, Workers(workers) if isinstance(workers, int) else workers, progress)
     return Executions(
         tuple(outcomes), len(chosen), job.seed, speed, plan.duration / speed, execution.timestep, len(planned.t),
         execution.confidence, feedback_of(outcomes),

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from robustopt.config_model import Config, ExecutionConfig
-from robustopt.errors import SimulationFailed
+from robustopt.errors import ConfigError, SimulationFailed
 from robustopt.execution.controller import Gains, Reference, computed_torque, controls
 from robustopt.execution.disturbance import CALIBRATION, FORCE, WORLD, calibration, forces, generator
 from robustopt.execution.feedback import acceleration_error, moments
@@ -29,6 +29,9 @@ CHUNK = 25
 
 RETRIES = 3
 """How often the chunks of a worker that died are given to new workers."""
+
+CONNECT = 10
+"""How long a Dask scheduler and its workers are waited for [s]."""
 
 
 @dataclass(frozen=True)
@@ -127,14 +130,28 @@ def share_cores(workers: int) -> tuple[int, int]:
     return processes, max(1, cores() // processes)
 
 
+@dataclass(frozen=True)
+class Workers:
+    """Who runs the chunks: processes of this machine, whose threads share the cores, or a Dask cluster.
+
+    processes: at most as many as there are cores; scheduler: address of a Dask scheduler, or None
+    """
+
+    processes: int = 1
+    scheduler: str | None = None
+
+
 def run_all(
-    job: Job, trials: Sequence[int], workers: int, progress: Callable[[int, int, int], None] | None
+    job: Job, trials: Sequence[int], workers: Workers, progress: Callable[[int, int, int], None] | None
 ) -> tuple[list[TrialOutcome], bool]:
     """Outcomes of the trials in their order, and whether all were run; Ctrl-C keeps what was done before it."""
-    processes, threads = share_cores(workers)
+    processes, threads = share_cores(workers.processes)
     chunks = [trials[i : i + CHUNK] for i in range(0, len(trials), CHUNK)]
     outcomes: list[TrialOutcome] = []
-    results = _in_processes(job, chunks, processes, threads) if processes > 1 else _here(job, chunks, threads)
+    if workers.scheduler is not None:
+        results = _on_cluster(job, chunks, workers.scheduler)
+    else:
+        results = _in_processes(job, chunks, processes, threads) if processes > 1 else _here(job, chunks, threads)
     try:
         for chunk in results:
             outcomes += chunk
@@ -172,3 +189,21 @@ def _in_processes(
                     f"Worker processes died {attempt + 1} times, for instance because the memory ran out; "
                     f"{done} of {len(chunks)} chunks of trials were done. Fewer workers need less memory."
                 ) from error
+
+
+def _on_cluster(job: Job, chunks: Sequence[Sequence[int]], scheduler: str) -> Iterator[list[TrialOutcome]]:
+    """Chunks in their order, run by a Dask cluster, one thread each; Dask gives those of a lost worker to another."""
+    from joblib import Parallel, delayed, parallel_config
+
+    try:
+        from distributed import Client
+    except ImportError:
+        raise ConfigError("a Dask cluster needs the package `distributed`: pip install 'robustopt[dask]'") from None
+    try:
+        client = Client(scheduler, timeout=CONNECT)
+    except (OSError, ValueError) as error:
+        raise SimulationFailed(f"The Dask scheduler {scheduler} cannot be reached: {error}") from None
+    with client:
+        with parallel_config(backend="dask", wait_for_workers_timeout=CONNECT):
+            parallel: Any = Parallel(return_as="generator")
+        yield from parallel(delayed(run_trials)(job, chunk, 1) for chunk in chunks)

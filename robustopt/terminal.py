@@ -1,0 +1,77 @@
+"""What commands print: summaries, progress, JSON and errors. Heavy packages are imported by what needs them."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+Progress = Callable[[int, int, int], None]
+"""Called with the trials done, those asked for, and the successes so far."""
+
+
+def console(stderr: bool = False) -> Console:
+    """The terminal, or what stands in its place."""
+    from rich.console import Console
+
+    return Console(stderr=stderr, highlight=False)
+
+
+def status(text: str, silent: bool) -> AbstractContextManager[object]:
+    """A line that says what is going on, where a person is watching."""
+    return nullcontext() if silent or not sys.stderr.isatty() else console(stderr=True).status(text)
+
+
+@contextmanager
+def trials_bar(silent: bool) -> Iterator[Progress | None]:
+    """A bar of the trials done with the success so far, where a person is watching."""
+    if silent or not sys.stderr.isatty():
+        yield None
+        return
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    columns = (TextColumn("trials"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[success]}"))
+    with Bar(*columns, TimeRemainingColumn(), console=console(stderr=True), transient=True) as bar:
+        task = bar.add_task("trials", total=None, success="")
+
+        def update(done: int, total: int, successes: int) -> None:
+            bar.update(task, completed=done, total=total, success=f"{successes / done:.1%} succeeded")
+
+        yield update
+
+
+def show(data: dict[str, Any], place: Path, json: bool, quiet: bool) -> None:
+    """Print the summary of a run; where it is quiet, only what went wrong."""
+    if json:
+        failed = {} if data["status"] == "solved" else {"error": {"kind": data["status"], "message": data["message"]}}
+        print_json({**data, "folder": str(place), **failed})
+    elif not quiet:
+        from robustopt.report import print_summary
+
+        print_summary(data, console(), place)
+    elif data["status"] != "solved":
+        print(f"{data['name']}: {data['status']}: {data['message']}", file=sys.stderr)
+
+
+def print_json(data: dict[str, Any]) -> None:
+    """Print one JSON object."""
+    from robustopt.store import json_text
+
+    print(json_text(data))
+
+
+def fail(kind: str, message: str, code: int, json: bool, problems: Sequence[dict[str, str]] = ()) -> int:
+    """Print an error and return the exit code."""
+    if json:
+        error = {"kind": kind, "message": message, "exit_code": code, "problems": list(problems)}
+        print_json({"error": error})
+    else:
+        for line in message.splitlines():
+            print(f"error: {line}", file=sys.stderr)
+    return code
