@@ -326,14 +326,10 @@ class ExecutionConfig(Section):
     truth: TruthConfig = Field(
         default=TruthConfig(), description="what the simulated world really is; the planner never reads it"
     )
-    timestep: Positive = Field(
-        default=0.001,
-        description="time step of the simulation; in what rests on what, the drift is proportional to it [s]",
-    )
+    timestep: Positive = Field(default=0.001, description="time step; objects drift in proportion to it [s]")
     controller: ControllerConfig = Field(
         default=ControllerConfig(),
-        description="joint controller; gains that are not given are those of the model file, else derived from the "
-        "joint's inertia",
+        description="joint controller; gains not given are those of the model file, else from the joint's inertia",
     )
     disturbance: DisturbanceConfig = Field(default=DisturbanceConfig(), description="random force during the execution")
     hold: tuple[NonNegative, NonNegative] = Field(
