@@ -29,6 +29,9 @@ MAX_VERTICES = 96
 TOLERANCE = 1e-10
 """Largest violation of a row, relative to the limit, that a vertex of a polygon may keep: ten times rounding error."""
 
+ROUNDING = 1e-14
+"""Part of the largest terms of a row in a polygon by which its value at a vertex may be off; matters far from a plan."""
+
 EDGE_LENGTH = 1e-9
 """Edges of a feasible polygon shorter than this part of the polygon are rounding errors, not rows."""
 
@@ -259,6 +262,7 @@ def _cut_family(polygons, family):
             if base_terms.shape[0]:
                 products[:] = base_terms[i, :, k]
             _add_sizes(columns, loads.constant[i, :, k], products, margin[loads.constant_group[k]])
+        u_size, x_size = np.abs(V[:n, 0]).max(), np.abs(V[:n, 1]).max()
         valid[:] = False
         finished = False
         for _ in range(20 * MAX_VERTICES):
@@ -296,6 +300,9 @@ def _cut_family(polygons, family):
                 valid[vertex] = True
                 continue
             a, b, c = _active_piece(family, i, worst, swings, remains, u, x)
+            if total[worst] <= ROUNDING * (abs(a) * u_size + abs(b) * x_size + abs(c)):
+                valid[vertex] = True
+                continue
             n = _clip(V, R, L, valid, n, a, b, c, names[worst], V2, R2, L2, valid2)
             if n < 3:
                 n, finished = 0, True

@@ -26,6 +26,11 @@ DIRECTION_TOLERANCE = 1e-9
 """A joint slower than this part of the fastest joint's rate counts as at rest: dry friction takes both signs."""
 
 
+SLOWEST_REFERENCE = 1e-12
+"""Smallest x, as a part of what joint velocity allows, about which viscous torque is linearised: the tangent of a root
+is ever steeper towards 0, and here its error is below a millionth of the viscous torque at full speed."""
+
+
 @dataclass(frozen=True)
 class PathMotion:
     """Motion of arm and tray along the path at P grid points, per u, x and joint acceleration error.
@@ -176,7 +181,8 @@ class TorqueFamily:
     def base_at(self, reference: Array, x_top: Array) -> Array:
         """Affine base rows with the viscous part linearised, (P, 2n, 3); reference (P,), nan for none."""
         base = self.base.copy()
-        root = np.sqrt(np.where(reference > 0, reference, np.nan))[:, None]
+        slowest = np.maximum(reference, SLOWEST_REFERENCE * x_top)
+        root = np.sqrt(np.where(reference > 0, slowest, np.nan))[:, None]
         tangent, chord = np.isfinite(root), np.isnan(reference)[:, None]
         base[:, :, 1] += np.where(
             tangent, self.viscous / (2 * root), np.where(chord, self.viscous / np.sqrt(x_top)[:, None], 0.0)
