@@ -30,7 +30,8 @@ TOLERANCE = 1e-10
 """Largest violation of a row, relative to the limit, that a vertex of a polygon may keep: ten times rounding error."""
 
 ROUNDING = 1e-14
-"""Part of the largest terms of a row in a polygon by which its value at a vertex may be off; matters far from a plan."""
+"""Part of the largest terms of a row in a polygon by which its value at a vertex may be off; this matters only
+far from any plan."""
 
 EDGE_LENGTH = 1e-9
 """Edges of a feasible polygon shorter than this part of the polygon are rounding errors, not rows."""

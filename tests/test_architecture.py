@@ -31,6 +31,7 @@ LAYERS = [
     ["problem"],
     ["timescaling"],
     ["diagnosis", "certificate", "trajectory"],
+    ["confidence"],
     ["execution"],
     ["learning"],
     ["store"],
@@ -105,7 +106,8 @@ def test_heavy_packages_are_imported_in_their_places_only(package: str) -> None:
 def test_help_loads_no_heavy_package() -> None:
     code = (
         "import sys\nfrom robustopt.cli import run\nrun(['--help'])\n"
-        "print('LOADED', [m for m in ('casadi', 'mujoco', 'numba', 'matplotlib', 'scipy', 'pandas') if m in sys.modules])"
+        "heavy = ('casadi', 'mujoco', 'numba', 'matplotlib', 'scipy', 'pandas')\n"
+        "print('LOADED', [m for m in heavy if m in sys.modules])"
     )
     output = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert "plan" in output

@@ -9,6 +9,7 @@ import pytest
 from scenes import BOX, FLAT, G, plan_of, scene, waiter
 from scipy.stats import binom
 
+from robustopt.confidence import clopper_pearson
 from robustopt.config import with_values
 from robustopt.config_model import DisturbanceConfig, ExecutionConfig, TruthConfig
 from robustopt.errors import ConfigError, ProblemInfeasible, SimulationFailed
@@ -19,7 +20,6 @@ from robustopt.execution.execute import Executions
 from robustopt.execution.feedback import acceleration_error
 from robustopt.execution.monte_carlo import Job, cores, run_all, run_trials, share_cores, simulate_trials
 from robustopt.execution.simulation import Workspace
-from robustopt.execution.statistics import clopper_pearson
 from robustopt.execution.trace import trace
 from robustopt.execution.truth import believed_world, true_world, varies
 from robustopt.trajectory import Trajectory

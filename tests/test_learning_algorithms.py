@@ -3,9 +3,9 @@
 import pytest
 from synthetic_worlds import World, half_width, run
 
+from robustopt.confidence import Reading
 from robustopt.learning.acceleration_interval import AccelerationInterval
 from robustopt.learning.bisection import Bisection
-from robustopt.learning.confidence import Reading
 from robustopt.learning.ilrobs import Ilrobs
 from robustopt.learning.learner import Belief, End, Executed, Planned, Result
 from robustopt.learning.moments import ErrorInterval, Moments

@@ -10,13 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from synthetic_worlds import World, answer, half_width, run, run_batched, states
 
+from robustopt.confidence import Reading
 from robustopt.config_model import LearningConfig
 from robustopt.errors import ConfigError, RobustOptError
 from robustopt.learning import LEARNERS, learner_of
 from robustopt.learning.acceleration_interval import AccelerationInterval
 from robustopt.learning.bisection import Bisection
 from robustopt.learning.calibrated import Calibrated
-from robustopt.learning.confidence import Reading
 from robustopt.learning.ilrobs import Ilrobs
 from robustopt.learning.learner import Belief, Executed, Planned, Result, Row, State, Trial, tell_all
 from robustopt.learning.moments import ErrorInterval, Moments, endpoint_change, shrunk

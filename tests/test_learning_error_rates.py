@@ -13,9 +13,9 @@ import pytest
 from scipy.stats import binom, norm
 from synthetic_worlds import World, acceptance_probability, bisection_law, ilrobs_law, run, states
 
+from robustopt.confidence import paper_executions, phi
 from robustopt.learning.bisection import Bisection
 from robustopt.learning.calibrated import Calibrated
-from robustopt.learning.confidence import paper_executions, phi
 from robustopt.learning.ilrobs import Ilrobs
 from robustopt.learning.learner import Belief
 from robustopt.learning.moments import ErrorInterval

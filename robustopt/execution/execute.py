@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from robustopt.confidence import clopper_pearson
 from robustopt.config_model import Config, ExecutionConfig
 from robustopt.errors import ConfigError, SimulationFailed
 from robustopt.execution.controller import gains_of, reference, require_stable
@@ -14,7 +15,6 @@ from robustopt.execution.feedback import Feedback, feedback_of
 from robustopt.execution.monte_carlo import Job, Workers, run_all
 from robustopt.execution.outcome import Status, TrialOutcome
 from robustopt.execution.scene import SceneBuilder
-from robustopt.execution.statistics import clopper_pearson
 from robustopt.execution.truth import believed_world
 from robustopt.timescaling import Plan
 from robustopt.trajectory import Trajectory

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from robustopt.learning.confidence import confidence_earned, lower_bound, successes_needed
+from robustopt.confidence import confidence_earned, lower_bound, successes_needed
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import ClassVar
 
-from robustopt.learning.confidence import Reading, paper_executions
+from robustopt.confidence import Reading, paper_executions
 from robustopt.learning.learner import Belief, End, Learner, Result, Row, State, Trial
 from robustopt.learning.moments import ErrorInterval, interval_of, shrunk
 from robustopt.learning.settings import require_friction, require_positive

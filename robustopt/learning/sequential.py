@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import Enum
 from math import log
 
-from robustopt.learning.confidence import log_evidence
+from robustopt.confidence import log_evidence
 
 
 class Verdict(Enum):

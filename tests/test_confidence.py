@@ -10,8 +10,7 @@ from scipy.integrate import quad
 from scipy.stats import beta, binom, binomtest, norm
 from synthetic_worlds import acceptance_probability
 
-from robustopt.errors import RobustOptError
-from robustopt.learning.confidence import (
+from robustopt.confidence import (
     Reading,
     bad_luck,
     clopper_pearson,
@@ -23,6 +22,7 @@ from robustopt.learning.confidence import (
     successes_needed,
     upper_bound,
 )
+from robustopt.errors import RobustOptError
 from robustopt.learning.earned import earned
 from robustopt.learning.sequential import SequentialTest, Verdict, shortest_acceptance
 
