@@ -295,9 +295,7 @@ class DisturbanceConfig(Section):
     force_deviation: tuple[NonNegative, NonNegative, NonNegative] = Field(
         default=(0.0, 0.0, 0.0), description="standard deviation of a random force along the world's x, y, z [N]"
     )
-    on: str = Field(
-        default="tray", description="what the force acts on, in its centre of mass: `tray` or an object"
-    )
+    on: str = Field(default="tray", description="what the force acts on, in its centre of mass: `tray` or an object")
     hold: Positive = Field(default=0.001, description="time for which a drawn force is held [s]")
     calibration_deviation: NonNegative | tuple[NonNegative, ...] = Field(
         default=0.0,
