@@ -129,6 +129,7 @@ def execute(
         str | None, typer.Option(help="address of the Dask scheduler, tcp://HOST:PORT", show_default=False)
     ] = None,
     figures: Annotated[bool, typer.Option(help="draw the figures")] = True,
+    video: Annotated[bool, typer.Option(help="film a failing trial beside a succeeding one")] = False,
     json: Json = False,
     quiet: Quiet = False,
 ) -> int:
@@ -138,7 +139,9 @@ def execute(
         changes.append(f"execution.trials={trials}")
     if (backend is Backend.dask) != (scheduler is not None):
         raise ConfigError("--backend dask and --scheduler tcp://HOST:PORT go together; found one of them")
-    options = _Execution(speed, workers, scheduler, figures, json, quiet)
+    options = _Execution(speed, workers, scheduler, figures, video, json, quiet)
+    if video and sys.platform == "linux" and not os.environ.get("DISPLAY"):
+        os.environ.setdefault("MUJOCO_GL", "egl")
     if task.is_dir():
         return _execute_stored(task, changes, out, options)
     try:
@@ -216,6 +219,7 @@ class _Execution(NamedTuple):
     workers: int
     scheduler: str | None
     figures: bool
+    video: bool
     json: bool
     quiet: bool
 
@@ -245,8 +249,7 @@ def _execute_new(config: Config, out: Path | None, options: _Execution) -> int:
                 result = execute_plan(config, planned, options.speed, workers, progress)
             _interruptions.clear()
             data, code = write_execution_run(result, run.folder, sys.argv[1:]), result.exit_code
-            if options.figures:
-                write_execution_figures(result, run.folder)
+            write_execution_figures(result, run.folder, options.figures, options.video)
         write_figures_and_page(planned, data, run.folder, options.figures)
         _stop_if_interrupted()
     return _end_execution(data, run.place, code, options)
@@ -266,8 +269,7 @@ def _execute_stored(folder: Path, changes: Sequence[str], out: Path | None, opti
             result = execute_stored(folder, changes, options.speed, workers, progress)
         _interruptions.clear()
         data = write_execution_run(result, run.folder, sys.argv[1:])
-        if options.figures:
-            write_execution_figures(result, run.folder)
+        write_execution_figures(result, run.folder, options.figures, options.video)
         write_page(data, run.folder)
         _stop_if_interrupted()
     return _end_execution(data, run.place, result.exit_code, options)

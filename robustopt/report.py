@@ -166,8 +166,10 @@ def write_figures_and_page(result: PlanResult, data: Mapping[str, Any], folder: 
     write_page(data, folder)
 
 
-def write_execution_figures(result: ExecutionResult, folder: Path) -> None:
-    """Draw an early trial that failed beside one that succeeded, or what there is of them."""
+def write_execution_figures(result: ExecutionResult, folder: Path, figures: bool, video: bool) -> None:
+    """Draw and film the first trial that succeeded beside the first that failed, or what there is of them."""
+    if not (figures or video):
+        return
     from robustopt.execution.trace import trace
     from robustopt.plotting import write_execution_figures as write
 
@@ -179,7 +181,11 @@ def write_execution_figures(result: ExecutionResult, folder: Path) -> None:
         for outcome in chosen
         if outcome is not None
     ]
-    if traces:
+    if traces and video:
+        from robustopt.execution.video import film, write_film
+
+        write_film(film(result.config, result.plan, traces, executions.seed), folder / "figures")
+    if traces and figures:
         write(result.config, traces, result.plan.problem.robot.joint_names, folder / "figures")
 
 

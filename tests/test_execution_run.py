@@ -10,11 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 from scenes import CONFIGS, waiter
 
 from robustopt import cli, execution_run
 from robustopt.config import load_config
 from robustopt.execution import Status, execute
+from robustopt.execution.video import HEIGHT, STRIP, WIDTH
 from robustopt.execution_run import read_plan
 from robustopt.store import read_summary
 from robustopt.timescaling import solve
@@ -91,6 +93,36 @@ def test_the_figures_show_a_failing_trial_beside_a_succeeding_one(run, tmp_path)
     assert run("execute", "a", "--out", "b", "--quiet")[0] == 0
     for name in ("trials.svg", "accelerations.svg"):
         assert (tmp_path / "a" / "figures" / name).read_bytes() == (tmp_path / "b" / "figures" / name).read_bytes()
+
+
+def test_a_video_is_a_film_and_a_strip_of_both_trials(tmp_path, stored):
+    """In a process of its own, because MuJoCo chooses how it draws when it is imported."""
+    command = [
+        sys.executable,
+        "-m",
+        "robustopt.cli",
+        "execute",
+        str(stored),
+        "--trials",
+        "12",
+        "--seed",
+        "3",
+        "--video",
+    ]
+    environment = {key: value for key, value in os.environ.items() if key != "DISPLAY"}
+    done = subprocess.run([*command, "--no-figures", "--out", "a"], cwd=tmp_path, env=environment, capture_output=True)
+    if b"set MUJOCO_GL" in done.stderr:
+        pytest.skip("this machine has no EGL to draw with")
+    assert (done.returncode, done.stderr) == (0, b"")
+    written = {path.name: path for path in (tmp_path / "a" / "figures").iterdir()}
+    assert written.keys() in ({"trials.webp", "trials_strip.png"}, {"trials.mp4", "trials_strip.png"})
+    picture = np.asarray(Image.open(written["trials_strip.png"]))
+    assert picture.shape == (STRIP * HEIGHT, 2 * WIDTH, 3)
+    frames = picture.reshape(STRIP, HEIGHT, 2, WIDTH, 3).astype(float)
+    assert frames.std(axis=(1, 3)).min() > 5.0
+    assert np.abs(frames[0, :, 0] - frames[-1, :, 0]).max() > 50
+    assert np.abs(frames[0, :, 0] - frames[0, :, 1]).mean() < 0.5
+    assert np.abs(frames[-1, :, 0] - frames[-1, :, 1]).mean() > 0.5
 
 
 def test_the_file_has_the_outcomes_number_for_number(run, tmp_path):

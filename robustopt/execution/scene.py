@@ -81,9 +81,12 @@ class SceneBuilder:
         self._believed = believed_world(config)
         self._base = self._with_arm(gains, timestep)
 
-    def model(self, world: World) -> mujoco.MjModel:
-        """The compiled world."""
+    def model(self, world: World, sky: bool = False) -> mujoco.MjModel:
+        """The compiled world; `sky`: with a light background, for pictures."""
         spec = self._base.copy()
+        if sky:
+            kind, gradient = mujoco.mjtTexture.mjTEXTURE_SKYBOX, mujoco.mjtBuiltin.mjBUILTIN_GRADIENT
+            spec.add_texture(type=kind, builtin=gradient, rgb1=_SKY, rgb2=_SKY, width=8, height=48)
         self._add_tray(spec, world)
         for name in self._placed:
             body = self._add_object(spec.worldbody, name, world, np.zeros(3), _quaternion(0.0))
@@ -217,6 +220,7 @@ class SceneBuilder:
 
 
 _PASSIVE = {"contype": 0, "conaffinity": 0}
+_SKY = (0.93, 0.95, 0.97)
 _COLOURS = ((0.85, 0.45, 0.25), (0.25, 0.5, 0.85), (0.35, 0.65, 0.35), (0.8, 0.7, 0.3))
 
 

@@ -1,0 +1,97 @@
+"""Pictures of trials: a film of several side by side, and a strip of frames. Needs no display."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from robustopt.config_model import Config
+from robustopt.errors import SimulationFailed
+from robustopt.execution.disturbance import WORLD, generator
+from robustopt.execution.execute import prepare
+from robustopt.execution.scene import SceneBuilder
+from robustopt.execution.trace import Trace
+from robustopt.execution.truth import true_world
+from robustopt.timescaling import Plan
+
+Image = NDArray[np.uint8]
+
+FRAMES_PER_SECOND = 30
+WIDTH, HEIGHT = 480, 360
+STRIP = 6
+"""Frames of a strip."""
+DISTANCE, AZIMUTH, ELEVATION = 0.6, 215.0, -18.0
+"""Place of the camera: from the tray's path plus its length [m], about the vertical and above the horizon [deg]."""
+
+
+def film(config: Config, plan: Plan, traces: Sequence[Trace], seed: int | None = None) -> list[Image]:
+    """Frames of trials side by side, each (HEIGHT, WIDTH * len(traces), 3)."""
+    job = prepare(config, plan, seed)
+    builder = SceneBuilder(job.config, job.gains, job.execution.timestep)
+    columns = []
+    for trace in traces:
+        world = true_world(job.config, job.execution.truth, generator(job.seed, trace.outcome.trial, WORLD))
+        columns.append(_frames(builder, builder.model(world, sky=True), trace))
+    return [np.concatenate(row, axis=1) for row in zip(*columns, strict=True)]
+
+
+def write_film(frames: Sequence[Image], folder: Path) -> list[Path]:
+    """Write a film, MP4 where the system has ffmpeg, else animated WebP, and a strip of frames; the files."""
+    from PIL import Image as Picture
+
+    folder.mkdir(parents=True, exist_ok=True)
+    strip = folder / "trials_strip.png"
+    chosen = np.linspace(0, len(frames) - 1, STRIP).round().astype(int)
+    Picture.fromarray(np.concatenate([frames[k] for k in chosen], axis=0)).save(strip)
+    if shutil.which("ffmpeg"):
+        path = folder / "trials.mp4"
+        height, width, _ = frames[0].shape
+        command = ["ffmpeg", "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24"]
+        command += [
+            "-s",
+            f"{width}x{height}",
+            "-r",
+            str(FRAMES_PER_SECOND),
+            "-i",
+            "-",
+            "-pix_fmt",
+            "yuv420p",
+            str(path),
+        ]
+        subprocess.run(command, input=b"".join(frame.tobytes() for frame in frames), check=True)
+        return [path, strip]
+    path = folder / "trials.webp"
+    first, *others = [Picture.fromarray(frame) for frame in frames]
+    first.save(path, save_all=True, append_images=others, duration=round(1000 / FRAMES_PER_SECOND), loop=0, quality=70)
+    return [path, strip]
+
+
+def _frames(builder: SceneBuilder, model: mujoco.MjModel, trace: Trace) -> list[Image]:
+    model.vis.global_.offwidth, model.vis.global_.offheight = WIDTH, HEIGHT
+    model.vis.headlight.ambient[:] = 0.45
+    camera, data = mujoco.MjvCamera(), mujoco.MjData(model)
+    arm = trace.qpos[:, builder.layout(model).joints]
+    tray, _ = builder.robot.tray_pose(arm[::100])
+    camera.lookat[:] = tray.mean(axis=0)
+    camera.distance = DISTANCE + float(np.ptp(tray, axis=0).max())
+    camera.azimuth, camera.elevation = AZIMUTH, ELEVATION
+    every = max(1, round(1 / FRAMES_PER_SECOND / model.opt.timestep))
+    try:
+        renderer = mujoco.Renderer(model, HEIGHT, WIDTH)
+    except Exception as error:
+        message = f"No pictures can be drawn: {error}. Without a display, set MUJOCO_GL to egl or osmesa."
+        raise SimulationFailed(message) from error
+    frames = []
+    with renderer:
+        for qpos in trace.qpos[::every]:
+            data.qpos[:] = qpos
+            mujoco.mj_forward(model, data)
+            renderer.update_scene(data, camera)
+            frames.append(renderer.render().copy())
+    return frames
