@@ -180,7 +180,7 @@ def execution_summary(result: ExecutionResult) -> dict[str, Any]:
     """What a run says about its executions, after what is known of the plan, as plain data."""
     executions = result.executions
     known = summary(result.planned) if result.planned is not None else dict(result.stored or {})
-    status = known["status"]
+    status = "solved" if known["kind"] == "execution" else known["status"]
     if result.diverged:
         status = "simulation failed"
     if not executions.complete:

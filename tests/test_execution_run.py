@@ -302,6 +302,18 @@ def test_ctrl_c_keeps_what_was_done(tmp_path, stored, workers):
     assert 0 < len(rows) < 100000
     assert len(rows) % 25 == 0
     assert f"Interrupted after {len(rows):,} of 100,000 trials." in " ".join(out.split())
+    again = [
+        "execute",
+        str(tmp_path / "kept"),
+        "--trials",
+        "2",
+        "--out",
+        str(tmp_path / "again"),
+        "--quiet",
+        "--no-figures",
+    ]
+    assert cli.run(again) == 0
+    assert read_summary(tmp_path / "again")["status"] == "solved"
 
 
 def test_help_names_the_command(run):
