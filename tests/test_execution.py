@@ -369,6 +369,8 @@ def test_a_task_without_a_plan_is_refused():
     [
         ({"controller": {"kp": [1.0, 2.0]}}, "found 2 values; expected one, or one for each of the joints x"),
         ({"disturbance": {"calibration_deviation": [0.1, 0.2]}}, "found 2 values; expected one, or one for each"),
+        ({"truth": {"contact_inset": {"body": 0.2}}}, "execution.truth: no such body can be: .*size"),
+        ({"truth": {"inertia": {"body": [1.0, 1.0, 5.0]}}}, "execution.truth: no such body can be: .*inertia"),
         ({"timestep": 0.2}, "expected less than a tenth of the motion"),
     ],
 )

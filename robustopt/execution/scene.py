@@ -15,6 +15,7 @@ import mujoco
 import numpy as np
 
 from robustopt.config_model import Config, ObjectConfig
+from robustopt.errors import ConfigError
 from robustopt.execution.controller import Gains
 from robustopt.execution.truth import TrueBody, World, believed_world
 from robustopt.geometry import Placement, half_height, placements, rotation, supports
@@ -93,7 +94,11 @@ class SceneBuilder:
             body.add_freejoint(name=PREFIX + name)
         self._add_pairs(spec, world)
         self._add_sensors(spec)
-        return spec.compile()
+        try:
+            return spec.compile()
+        except ValueError as error:
+            message = f"no such body can be: {' '.join(str(error).split())}".replace(PREFIX, "")
+            raise ConfigError(message, key="execution.truth") from error
 
     def rigid(self) -> mujoco.MjModel:
         """Arm with tray and objects fixed to it, as the planner believes them to be: for the torque of a motion."""
