@@ -37,6 +37,10 @@ With 0.45, 200 intervals are within 0.3 % of a fine grid on all waiter tasks; be
 STANDARD_GRAVITY = 9.81
 """Turns a mass into the weight that contact rows are a fraction of, whatever the configured gravity [m/s^2]."""
 
+LEAST_RATE = 1e-3
+"""Where q' vanishes, sd and sdd are bounded as if it were this part of its largest value, far beyond what other grid
+points and the bend q'' leave of them."""
+
 WITHOUT_LIMIT = 1e3
 """A problem without its joint acceleration limits still bounds |u|, but by this factor further out."""
 
@@ -219,7 +223,7 @@ def _velocity_bound(q1: Array, velocity: Array) -> tuple[Array, Array]:
     """Largest x that the joint velocities allow, (P,), and which joint bounds it, (P,)."""
     ratio = np.abs(q1) / velocity
     fastest = np.argmax(ratio, axis=1)
-    return 1.0 / np.maximum(ratio.max(axis=1), 1e-12) ** 2, fastest
+    return 1.0 / _without_zeros(ratio.max(axis=1)) ** 2, fastest
 
 
 def _outline(motion: PathMotion, robot: Robot, middle: Array, x_max: Array, fastest: Array) -> Polygons:
@@ -228,10 +232,14 @@ def _outline(motion: PathMotion, robot: Robot, middle: Array, x_max: Array, fast
     rate = np.abs(motion.q1) / limit
     lead = np.argmax(rate, axis=1)
     row = np.arange(len(x_max))
-    reach = (1.0 + (np.abs(middle) / limit)[lead] + np.abs(motion.q2[row, lead]) / limit[lead] * x_max) / rate[
-        row, lead
-    ]
+    bend = np.abs(motion.q2[row, lead]) / limit[lead] * x_max
+    reach = (1.0 + (np.abs(middle) / limit)[lead] + bend) / _without_zeros(rate[row, lead])
     return start(2.0 * reach, x_max, fastest)
+
+
+def _without_zeros(rates: Array) -> Array:
+    """Rates of the fastest joint along the path (P,), bounded from below where joints turn around together."""
+    return np.maximum(rates, LEAST_RATE * rates.max())
 
 
 def _name_index(family: ContactFamily, rows: Array, names: tuple[str, ...]) -> Array:
