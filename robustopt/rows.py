@@ -5,7 +5,7 @@ the polygons cut with (see `polygons`). Joint torque has a viscous part D q' sqr
 at a reference x_r, D q' (sqrt(x_r) / 2 + x / (2 sqrt(x_r))). Where friction hurts, the tangent is an upper bound of a
 concave function, hence sound; where it helps, it is not, so a plan counts as solved only once its exact torque has
 been checked. Both are exact at x_r, and the reference follows the plan until they agree. Without a reference the
-chord over [0, x_top] stands in: a first guess, which is final where no torque comes near its limit.
+chord over [0, x_top] stands in: a first guess, which is final where no torque row binds.
 """
 
 from __future__ import annotations

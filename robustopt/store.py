@@ -88,6 +88,9 @@ def read_summary(folder: Path) -> dict[str, Any]:
         raise RunFolderError(f"{folder / SUMMARY}: cannot be read: {error}") from None
     if not isinstance(summary, dict):
         raise RunFolderError(f"{folder / SUMMARY}: expected a JSON object")
+    missing = [key for key in ("name", "status") if not isinstance(summary.get(key), str)]
+    if missing:
+        raise RunFolderError(f"{folder / SUMMARY}: {' and '.join(missing)} missing; the file has been changed")
     return summary
 
 

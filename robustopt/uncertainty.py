@@ -17,6 +17,7 @@ import numpy as np
 
 from robustopt.config import Config, ObjectConfig, TrayConfig
 from robustopt.contact import skew
+from robustopt.errors import ConfigError
 from robustopt.geometry import placements
 
 Array = np.ndarray
@@ -80,9 +81,16 @@ def acceleration_error(config: Config, joints: int) -> tuple[Array, Array]:
     error = config.uncertainty.joint_acceleration
     if error is None:
         return np.zeros(joints), np.zeros(joints)
-    mean = np.broadcast_to(np.asarray(error.mean, dtype=float), (joints,))
-    deviation = np.broadcast_to(np.asarray(error.deviation, dtype=float), (joints,))
-    return mean.copy(), error.K * deviation
+    return _per_joint("mean", error.mean, joints), error.K * _per_joint("deviation", error.deviation, joints)
+
+
+def _per_joint(name: str, given: float | tuple[float, ...], joints: int) -> Array:
+    """One value for all joints, or one for each."""
+    values = np.atleast_1d(np.asarray(given, dtype=float))
+    if len(values) not in (1, joints):
+        found = f"found {len(values)} values; expected one, or one for each of the {joints} joints [rad/s^2]"
+        raise ConfigError(found, f"uncertainty.joint_acceleration.{name}")
+    return np.broadcast_to(values, (joints,)).copy()
 
 
 def _body(config: Config, name: str, item: TrayConfig | ObjectConfig, position: Array, yaw: float) -> Body:

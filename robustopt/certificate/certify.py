@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -182,10 +182,9 @@ def _thinned(how: Level, intervals: int, points: int) -> tuple[tuple[float, ...]
 def _check(scene: Scene, moving: Motion, how: Level, rng: np.random.Generator, tally: Tally) -> int:
     """Look at all limits; returns the number of random draws."""
     count = len(moving.free)
-    nominal = replace(scene.nominal, error=0.5 * (scene.lower.error + scene.upper.error))
     check_kinematics(scene, moving, tally)
-    check_torque(scene, moving, nominal.repeated(count), tally)
-    starts = [scene.nominal.repeated(count), nominal.repeated(count)][: 1 + bool(np.any(nominal.error))]
+    check_torque(scene, moving, scene.nominal.repeated(count), tally)
+    starts = [scene.nominal.repeated(count)]
     starts += [scene.draw(rng, count, corners=True) for _ in range(how.starts if scene.uncertain else 0)]
     for system in scene.systems:
         check_contacts(scene, moving, system, starts, how.search, tally)

@@ -324,7 +324,7 @@ def _system_name(config: Config, group: tuple[str, ...]) -> str:
 def _intervals(
     config: Config, bodies: list[Body], interfaces: tuple[Interface, ...], points: int, joints: int
 ) -> tuple[Parameters, Parameters, Parameters]:
-    """The configured values, and the lower and upper ends of all intervals."""
+    """The configured values (the mean of the acceleration error), and the ends of all intervals."""
     given = config.uncertainty
     mass = np.array([body.mass for body in bodies])
     mass_ends = np.array([given.mass.get(body.name, (body.mass, body.mass)) for body in bodies]).T
@@ -339,7 +339,7 @@ def _intervals(
     middle, radius = np.zeros(joints), np.zeros(joints)
     if error is not None:
         middle, radius = middle + np.asarray(error.mean), radius + error.K * np.asarray(error.deviation)
-    nominal = Parameters(mass, np.zeros_like(reach), mu, np.zeros_like(shift), np.zeros(joints))
+    nominal = Parameters(mass, np.zeros_like(reach), mu, np.zeros_like(shift), middle)
     lower = Parameters(mass_ends[0], -reach, mu_ends[0], -shift, middle - radius)
     upper = Parameters(mass_ends[1], reach, mu_ends[1], shift, middle + radius)
     return nominal, lower, upper

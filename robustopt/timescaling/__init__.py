@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from robustopt.problem import TimeScalingProblem
-from robustopt.timescaling.plan import Plan, Status, failed_plan, interval_ends
+from robustopt.timescaling.plan import Plan, Status, binding_rows, failed_plan, interval_ends
 from robustopt.timescaling.reachability import solve_reachability
 
 __all__ = ["Plan", "Status", "solve", "standstill"]
@@ -125,6 +125,8 @@ def _relinearised(plan: Plan, before: float) -> TimeScalingProblem | None:
     problem = plan.problem
     excess = problem.torque_excess(*interval_ends(problem, plan.x, plan.u))
     if np.isnan(problem.reference).all():
-        return problem.with_reference(plan.x) if excess > -NEAR_TORQUE else None
+        torque = [name.endswith(" torque") for name in problem.row_names]
+        binds = binding_rows(problem, plan.x, plan.u)[:, torque].any()
+        return problem.with_reference(plan.x) if binds or excess > -NEAR_TORQUE else None
     settled = abs(before - plan.duration) <= SAME_DURATION * plan.duration
     return None if settled and excess <= TORQUE_TOLERANCE else problem.with_reference(plan.x)

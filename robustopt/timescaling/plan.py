@@ -101,11 +101,17 @@ def failed_plan(
     return Plan(status, message, method, problem.s, problem.piece, none, none, np.inf, problem, statistics, stuck)
 
 
-def _active(problem: TimeScalingProblem, x: Array, u: Array) -> tuple[tuple[str, ...], ...]:
-    """Names of the limits that bind at either end of each interval, in the order of the columns."""
+def binding_rows(problem: TimeScalingProblem, x: Array, u: Array) -> Array:
+    """Which rows bind at either end of each interval, (P - 1, m)."""
     at_start = problem.a[:-1] * u[:, None] + problem.b[:-1] * x[:-1, None] + problem.c[:-1] > -ACTIVE_TOLERANCE
     at_end = problem.a[1:] * u[:, None] + problem.b[1:] * x[1:, None] + problem.c[1:] > -ACTIVE_TOLERANCE
-    binding = (at_start | at_end) & (problem.ds > 0)[:, None]
+    binding: Array = (at_start | at_end) & (problem.ds > 0)[:, None]
+    return binding
+
+
+def _active(problem: TimeScalingProblem, x: Array, u: Array) -> tuple[tuple[str, ...], ...]:
+    """Names of the limits that bind at either end of each interval, in the order of the columns."""
+    binding = binding_rows(problem, x, u)
     names = [dict.fromkeys(problem.row_names[k] for k in np.flatnonzero(row)) for row in binding]
     fast = (x >= problem.x_max * (1 - ACTIVE_TOLERANCE)) & (problem.x_max > 0)
     for i in np.flatnonzero(problem.ds > 0):
