@@ -113,16 +113,14 @@ def _conflicts(problem: TimeScalingProblem) -> Iterator[tuple[str, ...]]:
 def _told_apart(problem: TimeScalingProblem, conflicts: list[tuple[str, ...]]) -> Iterator[tuple[str, ...]]:
     """The conflicts without slip that is only tipping: what tips also pivots, and no friction would hold it."""
     together = {limit for conflict in conflicts for limit in conflict}
+    names = [family.system.names for family in problem.limits.contacts]
+    tipping = {pair[0]: pair[1] for pair in names if len(pair) == 2}
     for conflict in conflicts:
-        tips = all(limit.startswith("slip of ") and _as_tipping(limit) in together for limit in conflict)
+        tips = all(tipping.get(limit) in together for limit in conflict)
         frictions = _candidates(problem, conflict) if tips else ()
         held = [_trial(problem, candidate, conflict)(1.0) for candidate in frictions if ".friction" in candidate.key]
         if not tips or any(held):
             yield conflict
-
-
-def _as_tipping(slip: str) -> str:
-    return slip.replace("slip of ", "tipping of ", 1).replace(" on ", " over ", 1)
 
 
 def _irreducible(problem: TimeScalingProblem, names: list[str]) -> list[str]:
@@ -205,66 +203,92 @@ def _candidates(problem: TimeScalingProblem, conflict: Collection[str]) -> Itera
             if f"{joint} {quantity}" in conflict:
                 key, limit = f"robot.limits.{joint}.{quantity}", float(limits[j])
                 yield _Candidate(key, limit, MOST_JOINT_LIMIT * limit, lambda value, key=key: {key: value})  # type: ignore[misc]
-    touched = [name for name in config.objects if any(name in limit.split() for limit in conflict)]
-    yield from _friction_candidates(config, touched)
-    uncertain = config.uncertainty
-    error = uncertain.joint_acceleration
-    if error is not None and error.K > 0 and np.any(np.asarray(error.deviation) > 0):
-        yield _Candidate(
-            "uncertainty.joint_acceleration.K", error.K, 0.0, lambda value: {"uncertainty.joint_acceleration.K": value}
-        )
-    if uncertain.contact_points is not None and touched:
-        widths = uncertain.contact_points
-        widest = max(widths.values(), default=0.0) if isinstance(widths, dict) else widths
-        if widest > 0:
-            yield _Candidate(
-                "uncertainty.contact_points, widest", widest, 0.0, lambda value: _with_widths(config, value / widest)
-            )
+    systems = [family.system for family in problem.limits.contacts if set(family.system.names) & set(conflict)]
+    touched = [name for system in systems for name in system.objects]
     loaded = {body for name in touched for body in carried(config, name)}
-    for name, reach in uncertain.center_of_mass.items():
-        if name in loaded and max(reach) > 0:
-            yield _Candidate(
-                f"uncertainty.center_of_mass.{name}, largest", max(reach), 0.0,
-                lambda value, name=name, reach=reach: {  # type: ignore[misc]
-                    f"uncertainty.center_of_mass.{name}": [value / max(reach) * part for part in reach]},
-            )  # fmt: skip
+    if any(f"{joint} torque" in conflict for joint in robot.joint_names):
+        loaded = {"tray", *config.objects}
+    if touched:
+        yield from _friction_candidates(config, touched)
+    yield from _error_candidates(config)
+    if touched and config.uncertainty.contact_points is not None:
+        widths = config.uncertainty.contact_points
+        widest = max(widths.values(), default=0.0) if isinstance(widths, dict) else widths
+        yield from _shrinking("uncertainty.contact_points", "widest", widest, widths)
+    for name in loaded & set(config.uncertainty.center_of_mass):
+        reach = config.uncertainty.center_of_mass[name]
+        yield from _shrinking(f"uncertainty.center_of_mass.{name}", "largest", max(reach), list(reach))
+    for name in loaded & set(config.uncertainty.mass):
+        low, high = config.uncertainty.mass[name]
+        mass = config.tray.mass if name == "tray" else config.objects[name].mass
+
+        def narrowed(width: float, key: str = name, m: float = mass, a: float = low, b: float = high) -> dict[str, Any]:
+            share = width / (b - a)
+            return {f"uncertainty.mass.{key}": [m - share * (m - a), m + share * (b - m)]}
+
+        if high > low:
+            yield _Candidate(f"uncertainty.mass.{name}, width", high - low, 0.0, narrowed)
+
+
+def _error_candidates(config: Config) -> Iterator[_Candidate]:
+    """The joint acceleration error: its number of deviations, and its mean."""
+    error = config.uncertainty.joint_acceleration
+    key = "uncertainty.joint_acceleration"
+    if error is not None and error.K > 0 and np.any(np.asarray(error.deviation) > 0):
+        yield _Candidate(f"{key}.K", error.K, 0.0, lambda value: {f"{key}.K": value})
+    if error is not None:
+        mean = list(error.mean) if isinstance(error.mean, tuple) else error.mean
+        yield from _shrinking(f"{key}.mean", "largest", float(np.max(np.abs(mean))), mean)
+
+
+def _shrinking(key: str, what: str, largest: float, values: Any) -> Iterator[_Candidate]:
+    """Values at a key, a number, a list or a mapping of numbers, all made smaller by one factor."""
+
+    def scaled(given: Any, factor: float) -> Any:
+        if isinstance(given, dict):
+            return {name: factor * value for name, value in given.items()}
+        return [factor * value for value in given] if isinstance(given, list) else factor * given
+
+    if largest > 0:
+        label = key if isinstance(values, float) else f"{key}, {what}"
+        yield _Candidate(label, largest, 0.0, lambda value: {key: scaled(values, value / largest)})
 
 
 def _friction_candidates(config: Config, touched: Collection[str]) -> Iterator[_Candidate]:
     """Friction: the one value of all interfaces, or that of each interface which has its own."""
-    point, interval, lowest = config.contact.friction, config.uncertainty.friction, friction(config)
-    own = sorted(
-        {
-            key if key in source else "default"
-            for source in (point, interval)
-            if isinstance(source, dict)
-            for key in touched
-        }
-    )
-    for name in own or [""]:
-        key = ("uncertainty.friction" if interval is not None else "contact.friction") + (f".{name}" if name else "")
-        now = min(lowest[other] for other in (touched if name in ("", "default") else [name])) if touched else 0.0
-        if touched:
-            yield _Candidate(key, now, MOST_FRICTION, lambda value, name=name: _with_friction(config, name, value))  # type: ignore[misc]
+    interval, lowest = config.uncertainty.friction, friction(config)
+    base = "contact.friction" if interval is None else "uncertainty.friction"
+    source = config.contact.friction if interval is None else interval
+    if not isinstance(source, dict):
+        groups = {base: list(config.objects)}
+    else:
+        rest = [name for name in config.objects if name not in source]
+        groups = {f"{base}.{name}": [name] for name in touched if name in source}
+        if set(rest) & set(touched) and "default" in source:
+            groups[f"{base}.default"] = rest
+    for key, names in groups.items():
+
+        def lifted(value: float, names: Sequence[str] = tuple(names)) -> dict[str, Any]:
+            return _with_friction(config, names, value)
+
+        yield _Candidate(key, min(lowest[name] for name in names), MOST_FRICTION, lifted)
 
 
-def _with_friction(config: Config, name: str, value: float) -> dict[str, Any]:
-    """Changes that raise the friction under `name` (empty: all) to at least `value`, interval and point value alike."""
-    point, interval = config.contact.friction, config.uncertainty.friction
+def _with_friction(config: Config, names: Collection[str], value: float) -> dict[str, Any]:
+    """Changes that raise the friction under some objects to at least `value`, interval and point value alike."""
+    points: dict[str, float] = {}
+    intervals: dict[str, list[float]] = {}
+    for name in config.objects:
+        point, interval = _of(config.contact.friction, name), _of(config.uncertainty.friction, name)
+        least = value if name in names else 0.0
+        if interval is not None:
+            intervals[name] = [max(interval[0], least), max(interval[1], least)]
+            point = min(max(point, intervals[name][0]), intervals[name][1])
+        points[name] = max(point, least)
+    changes: dict[str, Any] = {"contact.friction": points}
+    return changes | ({"uncertainty.friction": intervals} if intervals else {})
 
-    def lifted(source: Any, raise_it: Callable[[Any], Any]) -> Any:
-        if isinstance(source, dict):
-            return {key: raise_it(inner) if name in ("", key) else inner for key, inner in source.items()}
-        return raise_it(source)
 
-    changes = {"contact.friction": lifted(point, lambda mu: max(mu, value))}
-    if interval is not None:
-        changes["uncertainty.friction"] = lifted(interval, lambda pair: [max(pair[0], value), max(pair[1], value)])
-    return changes
-
-
-def _with_widths(config: Config, factor: float) -> dict[str, Any]:
-    widths = config.uncertainty.contact_points
-    if isinstance(widths, dict):
-        return {"uncertainty.contact_points": {name: factor * width for name, width in widths.items()}}
-    return {"uncertainty.contact_points": factor * (widths or 0.0)}
+def _of(given: Any, name: str) -> Any:
+    """The value for one object, of a value for all or a mapping by name."""
+    return given.get(name, given.get("default")) if isinstance(given, dict) else given
