@@ -15,12 +15,19 @@ from functools import lru_cache
 
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, QhullError
 
 from robustopt.config import Config
 from robustopt.geometry import Patch, erode, patches, supports
 
 Array = np.ndarray
+
+MOST_GENERATORS = 128
+"""Edges of all friction cones of a patch up to which its facets are made: 588 for a rectangle at 16 edges, 1976 for a
+round patch of 8 points; at 192 generators there are 5556."""
+
+FACET_TOLERANCE = 1e-8
+"""Part of the normal force by which a facet may cut off a generator; the hull code merges facets to about 1e-12."""
 
 FACET_MERGE = 1e-9
 """Facets whose unit normals agree to this are one facet that the hull code has triangulated."""
@@ -35,7 +42,7 @@ class ContactSystem:
     points: per balanced object the point its moments are about, tray frame (3,) [m]
     generators: contact wrenches of the edges of all friction cones, shape (d, k); what the supports can exert is the
         cone of the columns
-    facets: the same cone as facets @ w <= 0, shape (F, d), or None where only the generators are known
+    facets: the same cone as facets @ w <= 0, shape (F, d), or None where only the generators are used
     names: of the limits the system imposes: (slip, tipping) of one interface, or (balance,) of a bridge
     edges: friction edges per contact point, which are neighbouring columns of the generators
     """
@@ -236,7 +243,20 @@ def _corners(patch: Patch) -> Array:
     return np.column_stack([patch.polygon, np.full(len(patch.polygon), patch.z)])
 
 
-def _facets(patch: Patch, mu: float, edges: int) -> Array:
-    """Facets of one interface about the tray's origin, (F, 6)."""
+def _facets(patch: Patch, mu: float, edges: int) -> Array | None:
+    """Facets of one interface about the tray's origin, (F, 6); None where the force-level program is the better way.
+
+    That is for cones of many generators, whose facets are thousands, and where the hull code gives up on a section
+    whose symmetry it cannot resolve, or gives facets that do not hold all generators.
+    """
+    if len(patch.polygon) * edges > MOST_GENERATORS:
+        return None
     centre = np.append(patch.polygon.mean(axis=0), patch.z)
-    return patch_facets(patch.polygon - centre[:2], mu, edges) @ about_point(centre)
+    local = patch.polygon - centre[:2]
+    try:
+        facets = patch_facets(local, mu, edges)
+    except QhullError:
+        return None
+    generators = wrench_generators(np.column_stack([local, np.zeros(len(local))]), mu, edges)
+    outside = (facets @ generators).max()
+    return None if outside > FACET_TOLERANCE else facets @ about_point(centre)
