@@ -5,11 +5,12 @@ from __future__ import annotations
 import itertools
 from typing import Any
 
+import mechanics
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import scene, waiter
+from scenes import plan_of, scene, waiter
 from scipy.optimize import linprog
 
 from robustopt.contact import (
@@ -26,6 +27,7 @@ from robustopt.geometry import erode, rectangle, regular_polygon, rotation
 from robustopt.problem import build_problem
 from robustopt.rows import evaluate
 from robustopt.timescaling.inner_lp import ForceProgram, missing_rows
+from robustopt.timescaling.plan import interval_ends
 
 SQUARE = rectangle(np.zeros(2), np.array([0.1, 0.1]))
 PATCHES = {
@@ -387,3 +389,25 @@ def test_missing_rows_are_found_where_facets_are_violated_and_only_there() -> No
             assert (len(rows) > 0) == (worst[k] > 1e-7)
             assert (violation > 1e-7) == (worst[k] > 1e-7)
             assert len(rows) == 0 or (rows @ family.system.generators).max() <= 1e-6 * np.abs(rows).max()
+
+
+@pytest.mark.parametrize("method", ["reachability", "ipopt"])
+def test_a_bridge_with_intervals_holds_at_random_corners_of_the_box(method: str) -> None:
+    """The search for the worst parameters of a system without facets, against draws by Newton and Euler."""
+    uncertain = (
+        "uncertainty={friction: {default: [0.4, 0.6], plank: [0.3, 0.5]}, mass: {plank: [0.3, 0.7], left: [0.3, 0.5]}, "
+        "center_of_mass: {plank: [0.01, 0.03, 0.005], right: [0.005, 0.005, 0.02]}, contact_points: 0.003, "
+        "joint_acceleration: {deviation: 0.3}}"
+    )
+    plan = plan_of(waiter("bridge", "solver.collocation_points=30", uncertain), method)
+    problem, rng = plan.problem, np.random.default_rng(0)
+    u, x, points = interval_ends(problem, plan.x, plan.u)
+    (family,) = problem.limits.contacts
+    reference, worst = family.system.interior * family.weight, -np.inf
+    for draw in mechanics.random_draws(problem, 120, rng):
+        k = rng.integers(len(points))
+        motion = mechanics.tray_motion(problem, points[k], u[k], x[k], draw.error)
+        parts = zip(family.system.loads, family.system.points, strict=True)
+        wrench = [mechanics.required_wrench(problem.config, names, draw, motion, about) for names, about in parts]
+        worst = max(worst, lacking(family.system.generators, reference, np.concatenate(wrench)))
+    assert -0.2 < worst <= 1e-6

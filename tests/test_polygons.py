@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import importlib
+import sys
 from functools import cache
 from itertools import product
+from pathlib import Path
+from typing import Any
 
 import mechanics
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import waiter
@@ -18,6 +23,8 @@ from robustopt.problem import TimeScalingProblem, build_problem
 from robustopt.rows import evaluate
 from robustopt.uncertainty import friction
 
+EXPERIMENTS = Path(__file__).parents[1] / "experiments"
+KINDS = ("friction", "joint_acceleration", "contact_points", "center_of_mass", "mass")
 NONE, NO_TERMS = np.zeros((0, 0, 3)), np.zeros((0, 0, 0))
 
 
@@ -237,9 +244,9 @@ def test_contact_rows_of_a_problem_are_exact_for_masses_and_acceleration_errors(
     assert len(draws) == 32
     rng, on_both_sides = np.random.default_rng(0), [0, 0]
     for point in (2, 7):
-        u, x = rng.uniform(-1.2, 1.2, 25), rng.uniform(0, 0.3, 25)
+        u, x = rng.uniform(-1.2, 1.2, 12), rng.uniform(0, 0.3, 12)
         rows = contact_depth(problem, point, u, x)
-        for k in range(25):
+        for k in range(12):
             worst = worst_contact(problem, point, u[k], x[k], draws, [np.zeros(2)] * len(draws))
             if abs(worst) > 0.02:
                 assert (rows[k] <= 0) == (worst <= 0), (worst, rows[k])
@@ -253,11 +260,88 @@ def test_rows_of_a_problem_hold_for_every_draw_inside_them() -> None:
     problem = robust_problem(FULL_BOX)
     rng, tried = np.random.default_rng(1), 0
     for point in (2, 5, 7):
-        u, x = rng.uniform(-0.8, 0.8, 40), rng.uniform(0, 0.2, 40)
+        u, x = rng.uniform(-0.8, 0.8, 25), rng.uniform(0, 0.2, 25)
         values = problem.a[point] * u[:, None] + problem.b[point] * x[:, None] + problem.c[point]
         for k in np.flatnonzero(values.max(axis=1) <= 0):
-            draws = list(mechanics.random_draws(problem, 12, rng))
+            draws = list(mechanics.random_draws(problem, 6, rng))
             moves = [0.003 * rng.choice([-1.0, -0.5, 1.0], size=(4, 2)) for _ in draws]
             assert worst_contact(problem, point, u[k], x[k], draws, moves) <= 1e-6
             tried += 1
     assert tried >= 10
+
+
+# Tightness -----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def experiment() -> Any:
+    """The script that measures how tight the bounds are."""
+    sys.path.insert(0, str(EXPERIMENTS))
+    try:
+        yield importlib.import_module("bound_tightness")
+    finally:
+        sys.path.remove(str(EXPERIMENTS))
+
+
+@pytest.mark.parametrize(
+    ("task", "kinds", "loss"),
+    [
+        ("two_blocks", ("friction",), 1e-3),
+        ("two_blocks", ("joint_acceleration",), 1e-3),
+        ("two_blocks", ("mass",), 1e-3),
+        ("two_blocks", ("center_of_mass",), 0.1),
+        ("two_blocks", ("contact_points",), 0.1),
+        pytest.param("side_by_side", ("contact_points",), 0.1, marks=pytest.mark.slow),
+        pytest.param("side_by_side", ("center_of_mass",), 0.1, marks=pytest.mark.slow),
+        pytest.param("side_by_side", ("joint_acceleration", "mass"), 0.1, marks=pytest.mark.slow),
+        pytest.param("two_blocks", KINDS, 3.0, marks=pytest.mark.slow),
+        pytest.param("side_by_side", KINDS, 3.0, marks=pytest.mark.slow),
+    ],
+)
+def test_bounds_cost_little_more_than_the_worst_parameters_found(
+    experiment: Any, task: str, kinds: tuple[str, ...], loss: float
+) -> None:
+    """Loss of duration in per cent against the fastest timing for all worst cases that a search finds.
+
+    Acceleration error times displacement of a centre of mass is bounded term by term, which costs most.
+    """
+    found = experiment.record(task, kinds, 25)
+    assert found["rows"] > 0
+    assert -1e-6 <= found["loss"] <= loss
+
+
+def test_the_search_for_the_worst_parameters_is_as_good_as_enumeration(experiment: Any) -> None:
+    """Masses and errors of two joints: all corners of the box against the search, at random points of the path."""
+    worst = importlib.import_module("worst_parameters")
+    problem = robust_problem(SMALL_BOX)
+    rng = np.random.default_rng(0)
+    box = worst.box_of(problem.config, problem.robot.n)
+    corners = np.array(list(product(*[(-1.0, 1.0) if free else (0.0,) for free in box.free])))
+    assert len(corners) == 32
+    points, u, x = np.array([2, 5, 7]), rng.uniform(-1.0, 1.0, 3), rng.uniform(0.0, 0.2, 3)
+    for item in worst.interfaces(problem, box, rng):
+        found, facet, z = worst.worst_draws(problem, box, item, points, u, x, rng)
+        for k in range(3):
+            at = np.full(len(corners), points[k])
+            rates = worst.coefficients(problem, box, item, at, corners)
+            every = rates @ np.array([u[k], x[k], 1.0]) @ item.facets.T
+            assert found[k] == pytest.approx(every.max(), rel=1e-9)
+            own = worst.coefficients(problem, box, item, points[[k]], z[[k]])[0] @ np.array([u[k], x[k], 1.0])
+            assert item.facets[facet[k]] @ own == pytest.approx(found[k], rel=1e-9)
+
+
+def test_the_wrenches_of_the_search_are_those_of_newton_and_euler(experiment: Any) -> None:
+    worst = importlib.import_module("worst_parameters")
+    problem = robust_problem(FULL_BOX)
+    rng = np.random.default_rng(1)
+    box = worst.box_of(problem.config, problem.robot.n)
+    for item, names in zip(worst.interfaces(problem, box, rng), (["lower", "upper"], ["upper"]), strict=True):
+        z = np.where(box.free, rng.uniform(-1.0, 1.0, box.size), 0.0)
+        n = len(box.names)
+        shift = {name: z[n + 3 * k : n + 3 * k + 3] * [0.004, 0.004, 0.01] for k, name in enumerate(box.names) if k}
+        upper = 0.55 + 0.15 * z[box.names.index("upper")]
+        draw = mechanics.Draw({"upper": upper / 0.5}, shift, box.error(z[None])[0])
+        motion = mechanics.tray_motion(problem, 4, 0.7, 0.1, draw.error)
+        expected = mechanics.required_wrench(problem.config, names, draw, motion, np.zeros(3))
+        found = worst.coefficients(problem, box, item, np.array([4]), z[None])[0] @ np.array([0.7, 0.1, 1.0])
+        np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-5)

@@ -522,3 +522,16 @@ def test_a_greedy_pass_that_comes_to_rest_too_early_is_polished() -> None:
         assert plan.status is Status.SOLVED
         assert np.isfinite(plan.duration)
     assert stopped > 0
+
+
+@pytest.mark.parametrize("points", [99, 100])
+@pytest.mark.parametrize("method", METHODS)
+def test_a_joint_path_that_turns_around_at_a_grid_point_is_planned(method: str, points: int) -> None:
+    """There q' = 0, which bounds neither sd nor sdd; with an even number of intervals it divided by zero."""
+    config = scene(
+        objects={"block": FLAT},
+        joints=[[0.0], [1.0], [0.0]],
+        contact={"friction": 0.3},
+        solver={"collocation_points": points},
+    )
+    assert duration(config, method) == pytest.approx(2 * bang_bang(1.0, 0.3 * 9.81), rel=6e-3)
