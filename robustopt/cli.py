@@ -327,11 +327,15 @@ def run(arguments: Sequence[str]) -> int:
         code = app(list(arguments), prog_name="robustopt", standalone_mode=False) or 0
         return fail("Interrupted", _INTERRUPTED, code, json) if _nothing_kept(code) else int(code)
     except RobustOptError as error:
+        if _interruptions:
+            return fail("Interrupted", _INTERRUPTED, INTERRUPTED, json)
         problems = [vars(problem) for problem in error.problems] if isinstance(error, ConfigError) else []
         return fail(type(error).__name__, str(error), error.exit_code, json, problems)
     except (KeyboardInterrupt, typer.Abort):
         return fail("Interrupted", _INTERRUPTED, INTERRUPTED, json)
     except Exception as error:
+        if _interruptions:  # an extension module whose import or call is interrupted raises something else
+            return fail("Interrupted", _INTERRUPTED, INTERRUPTED, json)
         message = getattr(error, "format_message", None)
         if message is None:
             raise
@@ -349,7 +353,12 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
-    sys.exit(run(sys.argv[1:]))
+    code = run(sys.argv[1:])
+    if code == INTERRUPTED:  # at once: what was interrupted inside a library may complain when it is torn down
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+    sys.exit(code)
 
 
 if __name__ == "__main__":

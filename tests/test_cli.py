@@ -12,6 +12,7 @@ import pytest
 
 from robustopt import __version__, cli, experiment
 from robustopt.config import load_config
+from robustopt.errors import RobustOptError
 from robustopt.store import read_summary
 
 ROOT = Path(__file__).parents[1]
@@ -314,6 +315,21 @@ def test_an_interruption_that_a_library_swallows_still_counts(run, tmp_path, mon
 
     monkeypatch.setattr(cli, "_interruptions", [])
     monkeypatch.setattr(experiment, "solve", swallowing)
+    assert run("plan", WAITER, *SMALL)[0] == 130
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("error", [ImportError("initialization failed"), EOFError(), RobustOptError("odd")])
+def test_an_interrupt_that_an_extension_module_turns_into_another_error_is_an_interrupt(
+    run, tmp_path, monkeypatch, error
+):
+    def interrupted(problem):
+        with pytest.raises(KeyboardInterrupt):
+            cli._on_interrupt(signal.SIGINT, None)
+        raise error
+
+    monkeypatch.setattr(cli, "_interruptions", [])
+    monkeypatch.setattr(experiment, "solve", interrupted)
     assert run("plan", WAITER, *SMALL)[0] == 130
     assert list(tmp_path.iterdir()) == []
 
