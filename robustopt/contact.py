@@ -75,14 +75,17 @@ class ContactSystem:
     def kind_of(self, rows: Array) -> Array:
         """Which of the system's names facets or duals (F, d) belong to, shape (F,).
 
-        A row on which all friction edges of two contact points lie is the moment about the line through them: tipping.
-        (With one such point it says that the body pivots about that point, which is slip.)
+        A row is the power of a motion of the body. Where all friction edges of a contact point lie on it, the motion
+        leaves that point where it is; where only some do, the point slides; the others lift off. A motion that lets
+        points lift off around such that stay, and none slide, is tipping; everything else is slip, pivoting included.
         """
         if len(self.names) == 1 or not len(rows):
             return np.zeros(len(rows), dtype=np.int64)
         products = np.abs(rows @ self.generators)
         flat = products <= 1e-7 * products.max(axis=1, keepdims=True)
-        return (flat.reshape(len(rows), -1, self.edges).all(axis=2).sum(axis=1) > 1).astype(np.int64)
+        flat = flat.reshape(len(rows), -1, self.edges)
+        stays, touches = flat.all(axis=2), flat.any(axis=2)
+        return (stays.any(axis=1) & (stays == touches).all(axis=1)).astype(np.int64)
 
 
 def skew(vector: Array) -> Array:
