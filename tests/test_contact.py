@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import plan_of, scene, waiter
+from scenes import G, bang_bang, plan_of, scene, waiter
 from scipy.optimize import linprog
 
 from robustopt.contact import (
@@ -411,3 +411,78 @@ def test_a_bridge_with_intervals_holds_at_random_corners_of_the_box(method: str)
         wrench = [mechanics.required_wrench(problem.config, names, draw, motion, about) for names, about in parts]
         worst = max(worst, lacking(family.system.generators, reference, np.concatenate(wrench)))
     assert -0.2 < worst <= 1e-6
+
+
+@pytest.mark.parametrize("method", ["reachability", "ipopt"])
+@pytest.mark.parametrize("name", ["two_blocks", "side_by_side"])
+def test_facets_and_inner_programs_lead_to_the_same_plan(
+    name: str, method: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With five kinds of intervals: all facets at their worst at once, or the worst parameters searched per program."""
+    names = {"two_blocks": ("lower", "upper"), "side_by_side": ("crate", "bottle")}[name]
+    uncertain = (
+        "uncertainty={contact_points: 0.002, joint_acceleration: {deviation: 0.2}, friction: [0.3, 0.5], "
+        f"mass: {{{names[0]}: [0.4, 1.3]}}, center_of_mass: {{{names[1]}: [0.003, 0.003, 0.01]}}}}"
+    )
+    config = waiter(name, "solver.collocation_points=40", "contact.friction=0.4", uncertain)
+    by_facets = plan_of(config, "reachability")
+    assert all(family.system.facets is not None for family in by_facets.problem.limits.contacts)
+    monkeypatch.setattr("robustopt.contact.MOST_GENERATORS", 0)
+    by_programs = plan_of(config, method)
+    assert all(family.system.facets is None for family in by_programs.problem.limits.contacts)
+    assert by_programs.statistics["inner_programs"] > 0
+    assert by_programs.duration == pytest.approx(by_facets.duration, rel=1e-6)
+
+
+@pytest.mark.parametrize(("points", "edges"), [(12, 16), (32, 16), (8, 64)])
+def test_patches_of_many_corners_tip_like_others(points: int, edges: int) -> None:
+    """More generators than facets are made for: the first corner is along x, a radius from the centre."""
+    can = {"shape": "cylinder", "radius": 0.03, "height": 0.4, "mass": 1.0}
+    contact = {"friction": 2.0, "patch_points": points, "cone_edges": edges}
+    plan = plan_of(scene(objects={"can": can}, contact=contact))
+    assert plan.problem.limits.contacts[0].system.facets is None
+    assert plan.duration == pytest.approx(bang_bang(1.0, G * 0.03 / 0.2), rel=1e-7)
+
+
+def test_turning_over_one_corner_is_tipping_and_pivoting_about_it_is_slip() -> None:
+    """Rows as the power of a motion: about a horizontal line through a corner, and with a turn about the vertical."""
+    can = {"shape": "cylinder", "radius": 0.03, "height": 0.1, "mass": 1.0}
+    system = systems({"can": can})[("can",)]
+    corner = np.array([0.03, 0.0, 0.005])
+    tipping = np.r_[-np.cross([0.0, 1.0, 0.0], corner), [0.0, 1.0, 0.0]]
+    powers = (tipping @ system.generators).reshape(8, 16)
+    assert np.abs(powers[0]).max() <= 1e-15  # the corner stays
+    assert powers[1:].min() > 0 or powers[1:].max() < 0  # and all others move one way
+    assert system.facets is not None
+    kinds = system.kind_of(np.vstack([tipping, system.facets]))
+    assert kinds[0] == 1
+    assert kinds[1:].sum() == 8  # over each side of the octagon
+    flat = np.abs(system.facets @ system.generators).reshape(-1, 8, 16) <= 1e-9
+    pivoting = flat.all(axis=2).sum(axis=1) == 1
+    assert pivoting.any()
+    assert not kinds[1:][pivoting].any()
+
+
+WIDE = (
+    "uncertainty={contact_points: 0.002176, joint_acceleration: {deviation: 0.5711566}, friction: [0.244, 0.305], "
+    "mass: {crate: [0.8606, 1.7291], bottle: [0.66544, 1.15271]}, "
+    "center_of_mass: {crate: [0.006116, 0.0046, 0.00908], bottle: [0.0083, 0.001774, 0.029]}}"
+)
+
+
+@pytest.mark.parametrize("with_facets", [True, False])
+def test_no_facet_is_overlooked_where_another_dual_and_its_worst_parameters_agree(
+    with_facets: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Alternating between duals and parameters from one start left a facet violated by 7 % of the weight here."""
+    config = waiter("side_by_side", "solver.collocation_points=40", "contact.friction=0.305", WIDE)
+    families = build_problem(config).limits.contacts
+    if not with_facets:
+        monkeypatch.setattr("robustopt.contact.MOST_GENERATORS", 0)
+    plan = plan_of(config, "ipopt")
+    u, x, points = interval_ends(plan.problem, plan.x, plan.u)
+    none, no_terms = np.zeros((0, 0, 3)), np.zeros((0, 0, 0))
+    for family in families:
+        assert family.system.facets is not None
+        rows = family.system.facets / family.weight
+        assert evaluate(rows, family.loads.at(points), none, no_terms, u, x).max() <= 1e-6

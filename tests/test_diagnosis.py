@@ -104,6 +104,18 @@ def test_a_lift_that_is_too_weak_needs_the_weight_as_torque(margin: float) -> No
     assert not solvable(config, robot__limits__z__torque=0.99 * change.needed)
 
 
+def test_an_uncertain_mass_is_narrowed_to_what_the_motor_holds() -> None:
+    """2 kg and 1 kg that are certain; 35 N hold 0.568 kg more, of 0.5 kg that may be up to 0.7 kg."""
+    robot = {"limits": {"z": {"torque": 35.0}}}
+    config = scene("lift", objects={"block": FLAT}, robot_keys=robot, uncertainty={"mass": {"block": [0.4, 0.7]}})
+    change = remedy(diagnosed(config), "uncertainty.mass.block, width")
+    share = (35.0 / G - 3.5) / 0.2
+    assert change.found == pytest.approx(0.3)
+    assert change.needed == pytest.approx(0.3 * share, rel=STEP)
+    assert solvable(config, uncertainty__mass__block=[0.4, 0.5 + 0.199 * share])
+    assert not solvable(config, uncertainty__mass__block=[0.4, 0.5 + 0.202 * share])
+
+
 def test_an_acceleration_error_beyond_the_limit_asks_for_less_of_it_or_more_limit() -> None:
     config = scene(
         robot_keys={"limits": {"x": {"acceleration": 1.0}}},

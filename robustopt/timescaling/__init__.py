@@ -100,19 +100,26 @@ def _with_missing_rows(
     ]
     if not open_systems:
         return None
-    from robustopt.timescaling.inner_lp import ForceProgram, missing_rows
+    from robustopt.timescaling.inner_lp import ForceProgram, missing_rows, overlooked_rows
 
     began = time.perf_counter()
-    u, x, points = interval_ends(problem, plan.x, plan.u)
+    ends = interval_ends(problem, plan.x, plan.u)
     facets, found = list(problem.facets), 0
-    for k in open_systems:
-        family = problem.limits.contacts[k]
-        program = programs.setdefault(k, ForceProgram(family))
-        assert isinstance(program, ForceProgram)
-        rows, _, solved = missing_rows(family, program, facets[k], points, u, x)
-        figures["inner_programs"] += solved
-        facets[k] = np.concatenate([facets[k], rows])
-        found += len(rows)
+    for second_look in (False, True):
+        for k in open_systems:
+            family = problem.limits.contacts[k]
+            program = programs.setdefault(k, ForceProgram(family))
+            assert isinstance(program, ForceProgram)
+            u, x, points = ends
+            if second_look:
+                rows, solved = overlooked_rows(family, program, facets[k], points, u, x)
+            else:
+                rows, _, solved = missing_rows(family, program, facets[k], points, u, x)
+            figures["inner_programs"] += solved
+            facets[k] = np.concatenate([facets[k], rows])
+            found += len(rows)
+        if found:
+            break
     figures["inner_seconds"] += time.perf_counter() - began
     return problem.with_facets(tuple(facets)) if found else None
 
