@@ -98,7 +98,7 @@ def test_wrenches_move_between_points() -> None:
 
 @pytest.mark.parametrize(("edges", "count"), [(8, 108), (16, 588)])
 def test_a_square_patch_has_the_facets_a_double_description_code_finds(edges: int, count: int) -> None:
-    """Counts of cddlib for four corners, which the project's notes state."""
+    """Facets of the cone of four corners, as a double-description code counts them."""
     assert len(patch_facets(SQUARE, 0.5, edges)) == count
     assert len(patch_facets(rectangle(np.zeros(2), np.array([0.3, 0.3])), 0.1, edges)) == count
 
