@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -16,7 +17,7 @@ from scenes import CONFIGS
 from robustopt import cli, execution_run
 from robustopt.config import load_config
 from robustopt.execution import Status, execute
-from robustopt.execution.video import HEIGHT, STRIP, WIDTH
+from robustopt.execution.video import HEIGHT, STRIP, WIDTH, write_film
 from robustopt.execution_run import read_plan
 from robustopt.robot_model import resolve_package
 from robustopt.store import read_summary
@@ -125,6 +126,42 @@ def test_a_video_is_a_film_and_a_strip_of_both_trials(tmp_path, stored):
     assert np.abs(frames[0, :, 0] - frames[-1, :, 0]).max() > 50
     apart = np.abs(frames[:, :, 0] - frames[:, :, 1]).mean(axis=(1, 2, 3))
     assert 2 * apart[0] < apart[-1]
+
+
+def _moving_square() -> list[np.ndarray]:
+    """Twelve frames in which a light square goes from left to right over a dark ground."""
+    frames = np.full((12, 64, 160, 3), 20, dtype=np.uint8)
+    for k, frame in enumerate(frames):
+        frame[16:48, 10 * k : 10 * k + 32] = (230, 120, 40)
+    return list(frames)
+
+
+def test_with_ffmpeg_a_film_is_an_mp4_that_shows_the_frames(tmp_path):
+    ffmpeg = shutil.which("ffmpeg")
+    if ffmpeg is None:
+        pytest.skip("this machine has no ffmpeg")
+    frames = _moving_square()
+    film, strip = write_film(frames, tmp_path)
+    assert (film.name, strip.name) == ("trials.mp4", "trials_strip.png")
+    raw = [ffmpeg, "-loglevel", "error", "-i", str(film), "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    shown = np.frombuffer(subprocess.run(raw, capture_output=True, check=True).stdout, dtype=np.uint8)
+    assert np.abs(shown.reshape(12, 64, 160, 3).astype(float) - frames).mean() < 8.0
+
+
+@pytest.mark.parametrize("ffmpeg", ["absent", "broken"])
+def test_without_an_ffmpeg_that_works_a_film_is_an_animated_webp(tmp_path, monkeypatch, ffmpeg):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    if ffmpeg == "broken":
+        (tmp_path / "ffmpeg").write_text("#!/bin/sh\nexit 1\n")
+        (tmp_path / "ffmpeg").chmod(0o755)
+    frames = _moving_square()
+    film, _ = write_film(frames, tmp_path / "figures")
+    assert sorted(path.name for path in (tmp_path / "figures").iterdir()) == ["trials.webp", "trials_strip.png"]
+    with Image.open(film) as picture:
+        assert picture.n_frames == 12
+        for k in (0, 11):
+            picture.seek(k)
+            assert np.abs(np.asarray(picture.convert("RGB")).astype(float) - frames[k]).mean() < 8.0
 
 
 def test_the_file_has_the_outcomes_number_for_number(run, tmp_path):
