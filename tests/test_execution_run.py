@@ -16,7 +16,7 @@ from scenes import CONFIGS
 
 from robustopt import cli, execution_run
 from robustopt.config import load_config
-from robustopt.execution import Status, execute
+from robustopt.execution import execute
 from robustopt.execution.video import HEIGHT, STRIP, WIDTH, write_film
 from robustopt.execution_run import read_plan
 from robustopt.robot_model import resolve_package
@@ -286,20 +286,20 @@ def test_a_run_that_was_edited_is_refused(run, tmp_path, stored):
 # What goes wrong ------------------------------------------------------------------------------------------
 
 
-def test_where_every_simulation_diverges_the_exit_code_is_5(run, tmp_path, stored, monkeypatch):
-    from dataclasses import replace
-
-    def diverging(*arguments, **options):
-        executions = execute(*arguments, **options)
-        return replace(executions, outcomes=tuple(replace(o, status=Status.DIVERGED) for o in executions.outcomes))
-
-    monkeypatch.setattr(execution_run, "execute", diverging)
-    code, _, err = run("execute", stored, "--trials", 2, "--out", "d", "--quiet")
-    assert code == 5
-    assert "simulation failed: 0 of 2 trials succeeded" in err
-    summary = read_summary(tmp_path / "d")
+def test_where_every_simulation_diverges_the_exit_code_is_5(run, tmp_path, stored):
+    """A force of 1e12 N on the tray, which MuJoCo answers with a warning and numbers that mean nothing."""
+    force = "execution.disturbance.force_deviation=[1e12, 0, 0]"
+    code, out, err = run("execute", stored, force, "--trials", 3, "--out", "d", "--no-figures")
+    assert (code, err) == (5, "")
+    assert "0 of 3 trials succeeded" in " ".join(out.split())
+    assert "Of the others: 3 simulation diverged." in " ".join(out.split())
+    summary, rows = read_summary(tmp_path / "d"), table(tmp_path / "d" / "executions.csv")
     assert (summary["status"], summary["success_rate"]) == ("simulation failed", 0.0)
-    assert summary["executions"]["statuses"] == {"simulation diverged": 2}
+    assert summary["executions"]["statuses"] == {"simulation diverged": 3}
+    assert summary["executions"]["feedback"] is summary["executions"]["first_failure"] is None
+    assert {(row["status"], row["t"], row["slip_block"]) for row in rows} == {("simulation diverged", "", "")}
+    assert {path.name for path in tmp_path.iterdir()} == {"d"}
+    assert run("execute", stored, force, "--trials", 3, "--out", "q", "--quiet")[0] == 5
 
 
 def test_a_full_disk_leaves_nothing(run, tmp_path, stored, monkeypatch):
