@@ -171,19 +171,20 @@ def low_passed(values: np.ndarray, timestep: float) -> np.ndarray:
     return filtfilt(*butter(2, 2 * 10.0 * timestep), values, axis=0)
 
 
-def contact_wrenches(config: Config, plan: Plan, speed: float):
+def contact_wrenches(config: Config, plan: Plan, speed: float, feedforward: str):
     """Wrench on every object from what it stands on, as MuJoCo has it and as planned, and which steps are motion.
 
     (N, 6) by object, tray frame, moments about the points of the plan's contact systems.
     """
-    execution = ExecutionConfig.model_validate({"controller": {"feedforward": "computed_torque"}})
+    execution = ExecutionConfig.model_validate({"controller": {"feedforward": feedforward}})
     trajectory = Trajectory.from_plan(plan, speed)
     planned = reference(trajectory, execution.timestep, execution.hold)
     gains = gains_of(config.model_copy(update={"execution": execution}), plan.problem.robot, planned.q[:1])
     builder = SceneBuilder(config, gains, execution.timestep)
     model = builder.model(believed_world(config))
     layout, data = builder.layout(model), mujoco.MjData(model)
-    inputs = controls(model, layout, planned, computed_torque(builder.rigid(), planned))
+    torque = computed_torque(builder.rigid(), planned) if feedforward == "computed_torque" else None
+    inputs = controls(model, layout, planned, torque)
     data.qpos[:] = builder.start(layout, planned.q[0], model.nq)
     data.ctrl[:] = inputs[0]
     for _ in range(500):
@@ -215,16 +216,21 @@ def contact_wrenches(config: Config, plan: Plan, speed: float):
     return seen, wanted, planned.moving
 
 
-def test_the_contact_wrenches_of_a_slow_plan_are_the_planned_ones():
+@pytest.mark.parametrize("feedforward", ["gravity", "computed_torque"])
+def test_the_contact_wrenches_of_a_slow_plan_are_the_planned_ones(feedforward):
+    """Within 5 % of the planned force, and of the moment that tips the object.
+
+    The horizontal force is 7 % of the weight. It is within 5 % of itself with computed torque; without it the arm sags
+    under the objects, whose weight is not compensated, and a tray that leans by 2 mrad adds 0.2 % of the weight.
+    """
     upper = "objects.upper={shape: box, size: [0.08, 0.08, 0.12], mass: 0.5, on: block}"
     plan = plan_of(waiter("one_block", upper, "uncertainty={}", "contact.friction=0.25"), "reachability")
-    seen, wanted, moving = contact_wrenches(plan.problem.config, plan, 0.5)
-    for name, weight in (("block", 1.0 * G), ("upper", 0.5 * G)):
+    seen, wanted, moving = contact_wrenches(plan.problem.config, plan, 0.5, feedforward)
+    for name in ("block", "upper"):
         got, planned = (low_passed(wrenches[name], 0.001)[moving] for wrenches in (seen, wanted))
-        error = got - planned
-        assert np.linalg.norm(error[:, :3], axis=1).max() < 0.05 * weight
-        assert np.linalg.norm(error[:, 3:], axis=1).max() < 0.05 * weight * HALF_WIDTH
-        assert np.sqrt((error[:, :2] ** 2).sum(axis=1).mean()) < 0.05 * np.sqrt(
-            (planned[:, :2] ** 2).sum(axis=1).mean()
-        )
-        assert np.abs(planned[:, :2]).max() > 0.05 * weight
+        error, weight = got - planned, np.linalg.norm(planned[:, :3], axis=1)
+        assert (np.linalg.norm(error[:, :3], axis=1) / weight).max() < 0.05
+        assert (np.linalg.norm(error[:, 3:], axis=1) / weight).max() < 0.05 * HALF_WIDTH
+        assert np.abs(planned[:, :2]).max() > 0.05 * weight.max()
+        if feedforward == "computed_torque":
+            assert np.linalg.norm(error[:, :2]) < 0.05 * np.linalg.norm(planned[:, :2])
