@@ -35,7 +35,7 @@ IMPEDANCE_RATIO = 10.0
 TOLERANCE, ITERATIONS = 1e-10, 100
 ROUND_CORNERS = 16
 """MuJoCo touches with a round face as if it were a regular polygon of so many corners, up to four of them at a time."""
-ROUND_GROWTH = 1.0104
+ROUND_GROWTH = 1.009
 """A round base is two such polygons turned against each other, this much wider: by half of what their 32 corners fall
 short of the circle, and by what the load loses as it spreads over several (measured, see tests/test_fidelity.py)."""
 
