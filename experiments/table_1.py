@@ -42,16 +42,18 @@ Written by `make reproduce-tables`. S: success, F: failure; speed-up: the same p
 """
 
 BELOW = """
-- Rules (Alg. 1): start at mu = 1; a failure lowers mu_upp to mu, a success raises mu_low to mu and the path is executed
-  5 % faster; if that fails the plan is near-optimal and the search ends; else mu = (mu_low + mu_upp) / 2.
+- Rules (Alg. 1): start at mu = 1; a failure lowers mu_upp to mu, a success raises mu_low to mu and the path is
+  executed 5 % faster; if that fails the plan is near-optimal and the search ends; else mu = (mu_low + mu_upp) / 2.
 - Ours: {plans} plans and {executions} executions; it ends because {end}
-- Paper: columns "paper", from an execution on hardware; they are copied from there, everything else comes from the run.
-- What differs: the paper's robot is real, its true friction was about 1 by tilting the plate, and 0.1875 came out as "a
-  proxy for all other un-modeled uncertainties". Ours is simulated with a true friction of {truth:g}, a PID controller
-  with gravity compensation and no disturbance, so that what is not modelled is the controller's tracking error alone,
-  and a larger coefficient of friction comes out. Path, blocks and cones are as in [durations](durations.md).
-- The decisions follow the same rules in the same order: two failures at 1 and 0.5, then halving between a failure and a
-  success, and an end by the sped-up execution.
+- Paper: columns "paper", from an execution on hardware; they are copied from there, everything else comes from the
+  run.
+- What differs: the paper's robot is real, its true friction was about 1 by tilting the plate, and 0.1875 came out
+  as "a proxy for all other un-modeled uncertainties". Ours is simulated with a true friction of {truth:g}, a PID
+  controller with gravity compensation and no disturbance, so that what is not modelled is the controller's tracking
+  error alone, and a larger coefficient of friction comes out. Path, blocks and cones are as in
+  [durations](durations.md).
+- The decisions follow the same rules in the same order: two failures at 1 and 0.5, then halving between a failure
+  and a success, and an end by the sped-up execution.
 """
 
 TRUTH = 0.5
