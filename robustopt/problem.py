@@ -260,16 +260,16 @@ def _with_rows(
     limits, n = problem.limits, problem.robot.n
     counts = problem.counts(np.arange(len(limits.names)))
     joint_names = np.tile(np.arange(n), 2)
-    polygons = limits.outline.copy()
+    polygons = limits.outline
     used = counts[n + joint_names]
     if not used.all():
         polygons = start(WITHOUT_LIMIT * limits.outline.vertices[:, 1, 0], limits.x_max, limits.velocity_name)
-    cut_affine(polygons, np.ascontiguousarray(limits.acceleration[:, used]), (n + joint_names)[used])
+    polygons = cut_affine(polygons, limits.acceleration[:, used], (n + joint_names)[used])
     for family, rows, index in zip(limits.contacts, facets, names, strict=True):
         used = counts[index]
-        cut(polygons, facet_family(rows[used], family.loads, index[used]))
+        polygons = cut(polygons, facet_family(rows[used], family.loads, index[used]))
     used = counts[2 * n + joint_names]
-    cut(polygons, limits.torque.family(reference, limits.x_max, used, 2 * n + joint_names))
+    polygons = cut(polygons, limits.torque.family(reference, limits.x_max, used, 2 * n + joint_names))
     a, b, c, columns = _columns(polygons, n, len(limits.names))
     return replace(
         problem, a=a, b=b, c=c, row_names=tuple(limits.names[k] for k in columns), feasible=polygons.sizes > 0,

@@ -26,6 +26,7 @@ LAYERS = [
     ["path"],
     ["contact"],
     ["uncertainty"],
+    ["cutting"],
     ["polygons"],
     ["rows"],
     ["problem"],
