@@ -11,7 +11,7 @@ chord over [0, x_top] stands in: a first guess, which is final where no torque r
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numba as nb
 import numpy as np
@@ -207,6 +207,10 @@ class TorqueFamily:
     base: Array
     base_terms: Array
     viscous: Array
+
+    def carrying(self, payload: Loads) -> TorqueFamily:
+        """The same limits with another payload whose intervals are as many."""
+        return replace(self, loads=payload)
 
     def family(self, reference: Array, x_top: Array, used: Array, names: Array) -> Family:
         """The rows that are used, (2n,), with the viscous part linearised about a reference (P,), and their names."""

@@ -14,10 +14,10 @@ from robustopt.geometry import (
     Patch,
     Placement,
     area,
+    base_outline,
     clip,
     contains,
-    convex_hull,
-    erode,
+    eroded,
     footprint,
     patches,
     placements,
@@ -86,7 +86,7 @@ def _tipping(config: Config, placed: dict[str, Placement], contacts: tuple[Patch
             continue
         mass = np.array([config.objects[other].mass for other in carried])
         center = mass @ np.array([_center_of_mass(config, placed, other) for other in carried]) / mass.sum()
-        polygon = convex_hull(np.vstack([patch.polygon for patch in contacts if patch.object == name]))
+        polygon = base_outline(tuple(patch for patch in contacts if patch.object == name))
         if not contains(polygon, center):
             load = "" if len(carried) == 1 else f" with {', '.join(carried[1:])}"
             below = " and ".join(supports(config.objects[name]))
@@ -129,7 +129,7 @@ def _contact_points(config: Config, contacts: tuple[Patch, ...]) -> Iterator[Fin
     for patch in contacts:
         used = patch.object if patch.object in by_name else "default"
         d = by_name.get(used, 0.0)
-        if d > 0 and len(erode(patch.polygon, d, patch.yaw)) == 0:
+        if d > 0 and len(eroded(patch, d)) == 0:
             key: Key = ("uncertainty", "contact_points")
             message = (
                 f"found {d:g} m, at or over half the size of the contact of {patch.object} on {patch.support}, "

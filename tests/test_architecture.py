@@ -29,6 +29,7 @@ LAYERS = [
     ["cutting"],
     ["polygons"],
     ["rows"],
+    ["track"],
     ["problem"],
     ["timescaling"],
     ["diagnosis", "certificate", "trajectory"],
