@@ -32,7 +32,7 @@ LAYERS = [
     ["track"],
     ["problem"],
     ["timescaling"],
-    ["diagnosis", "certificate", "trajectory"],
+    ["batch", "diagnosis", "certificate", "trajectory"],
     ["confidence"],
     ["execution"],
     ["learning"],
