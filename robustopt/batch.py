@@ -93,9 +93,9 @@ class BatchPlanner:
 
     def _each(self, settings: Iterable[Setting], call: Any) -> list[Any]:
         """The results of a call, in order; the first one alone, so that what all share is there."""
-        first, *rest = list(settings) or [None]
-        if first is None:
+        if not (all_settings := list(settings)):
             return []
+        first, *rest = all_settings
         results = [call(first)]
         if not rest:
             return results

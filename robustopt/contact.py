@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from scipy.linalg import block_diag
 from scipy.spatial import ConvexHull, QhullError
 
 from robustopt.config import Config
@@ -68,11 +67,13 @@ class ContactSystem:
 
     def about(self, points: Sequence[Array]) -> ContactSystem:
         """The same system with the moments of each balanced object about another point (3,)."""
-        moves = [about_point(new - old) for new, old in zip(points, self.points, strict=True)]
-        facets = self.facets
-        if facets is not None:
-            facets = facets @ np.linalg.inv(block_diag(*moves))
-        return replace(self, points=tuple(points), generators=block_diag(*moves) @ self.generators, facets=facets)
+        moved, facets = self.generators.copy(), None if self.facets is None else self.facets.copy()
+        for k, (new, old) in enumerate(zip(points, self.points, strict=True)):
+            block = slice(6 * k, 6 * k + 6)
+            moved[block] = about_point(new - old) @ moved[block]
+            if facets is not None:
+                facets[:, block] = facets[:, block] @ about_point(old - new)
+        return replace(self, points=tuple(points), generators=moved, facets=facets)
 
     def kind_of(self, rows: Array) -> Array:
         """Which of the system's names facets or duals (F, d) belong to, shape (F,)."""

@@ -360,3 +360,25 @@ def _name_edges(L, n, names, rows):
                 rows[count] = row
                 count += 1
     return count
+
+
+@nb.njit(cache=True, nogil=True)
+def family_values(family, points, u, x, out):
+    """out[m, f] = value of row f at grid point points[m] and (u[m], x[m]), every parameter at its worst."""
+    B, loads, base, base_terms, _ = family
+    nominal, terms, group, constant, constant_group, remainder, remainder_group, lowest, highest = loads
+    F, d, G = B.shape[1], B.shape[2], len(lowest)
+    central, box, margins = np.zeros((G, d)), np.zeros((G, d)), np.zeros((F, G))
+    swings, remains = np.zeros((len(group), d)), np.zeros((len(remainder_group), d))
+    for m in range(len(points)):
+        i = points[m]
+        b = i if B.shape[0] > 1 else 0
+        _wrenches(nominal, i, u[m], x[m], central)
+        _wrenches(terms, i, u[m], x[m], swings)
+        _wrenches(remainder, i, u[m], x[m], remains)
+        box[:] = 0.0
+        _add_sizes(remains, remainder_group, box)
+        for f in range(F):
+            _margin(B, b, f, constant, base_terms, i, constant_group, margins)
+            own = _own(base, i, f, u[m], x[m])
+            out[m, f] = _value(B, b, f, own, margins, central, swings, group, box, lowest, highest)

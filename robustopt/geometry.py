@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -181,7 +182,7 @@ def standing_order(objects: Mapping[str, ObjectConfig]) -> tuple[str, ...]:
 Solids = tuple[tuple[str, ObjectConfig], ...]
 
 
-def _solids(config: Config) -> Solids:
+def solids(config: Config) -> Solids:
     """Names and shapes of the objects, without what does not matter for where they stand."""
     return tuple((name, body.model_copy(update=_WITHOUT_MASS)) for name, body in config.objects.items())
 
@@ -191,7 +192,7 @@ _WITHOUT_MASS = {"mass": 1.0, "center_of_mass": (0.0, 0.0, 0.0), "inertia": None
 
 def placements(config: Config) -> dict[str, Placement]:
     """Where each object stands, by name; supports come before what stands on them."""
-    return dict(_placements(config.tray.size, _solids(config)))
+    return dict(_placements(config.tray.size, solids(config)))
 
 
 @lru_cache(maxsize=64)
@@ -222,7 +223,7 @@ def footprint(body: ObjectConfig, placement: Placement, points: int) -> Array:
 
 def patches(config: Config) -> tuple[Patch, ...]:
     """Contact patch of every interface, in the order of `placements`; a bridge has two."""
-    return _patches(config.tray.size, _solids(config), config.contact.patch_points)
+    return _patches(config.tray.size, solids(config), config.contact.patch_points)
 
 
 @lru_cache(maxsize=64)
@@ -255,3 +256,17 @@ def eroded(patch: Patch, distance: float) -> Array:
 def base_outline(patches: tuple[Patch, ...]) -> Array:
     """Convex hull of contact patches, shape (k, 2)."""
     return convex_hull(np.vstack([patch.polygon for patch in patches]))
+
+
+@lru_cache(maxsize=64)
+def overlaps(tray_size: tuple[float, float, float], solids: Solids, points: int) -> tuple[tuple[str, str], ...]:
+    """Pairs of objects that are in each other; `points` corners for the outline of a round one."""
+    objects, placed = dict(solids), _placements(tray_size, solids)
+    outline = {name: footprint(objects[name], place, points) for name, place in placed.items()}
+    found = []
+    for first, second in combinations(placed, 2):
+        a, b = placed[first], placed[second]
+        overlap = a.half_height + b.half_height - abs(a.position[2] - b.position[2])
+        if overlap > RESOLUTION and area(clip(outline[first], outline[second])) > 0:
+            found.append((first, second))
+    return tuple(found)

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numba as nb
 import numpy as np
 
-from robustopt.cutting import MAX_VERTICES, cut_family, cut_rows
+from robustopt.cutting import MAX_VERTICES, cut_family, cut_rows, family_values
 from robustopt.errors import SolverFailed
 
 Array = np.ndarray
@@ -134,6 +134,13 @@ def cut_affine(polygons: Polygons, rows: Array, names: Array) -> Polygons:
     return _stored(cut_rows, polygons, (np.ascontiguousarray(rows), names)) if len(names) else polygons
 
 
+def evaluate(family: Family, points: Array, u: Array, x: Array) -> Array:
+    """Values of a family at (u, x), (M,) each, at grid points (M,) with every parameter at its worst, (M, F)."""
+    values = np.zeros((len(points), len(family.names)))
+    family_values(family, points, u, x, values)
+    return values
+
+
 def _stored(kernel: Callable[..., int], polygons: Polygons, limits: Family | tuple[Array, Array]) -> Polygons:
     """What a kernel makes of the polygons, in as much room as the largest of them needs."""
     room = max(ROOM, polygons.names.shape[1])
@@ -147,13 +154,25 @@ def _stored(kernel: Callable[..., int], polygons: Polygons, limits: Family | tup
         room = largest
 
 
-@nb.njit(cache=True, nogil=True)
-def edge_slots(vertices, edge_names, count, joints, names):
-    """Number of each edge among the edges of its name at its grid point; -1 for what is no row, (P, V).
+def edge_rows(polygons: Polygons, joints: int, names: int) -> tuple[Array, Array]:
+    """Edges of the polygons as rows (P, m, 3), and the index of the name of each column (m,).
 
-    Names below `joints` are those of velocity bounds, which are no rows.
+    The columns of one name are as many as one grid point needs at most; columns that a point does not need hold
+    always. Names below `joints` are those of velocity bounds, which are no rows.
     """
-    slots = np.full(edge_names.shape, -1)
+    slots, width = _edge_slots(polygons.vertices, polygons.names, polygons.sizes, joints, names)
+    first = np.cumsum(width) - width
+    rows = np.zeros((len(polygons.sizes), width.sum(), 3))
+    rows[:, :, 2] = -1.0
+    _place(polygons.rows, polygons.names, polygons.sizes, slots, first, rows)
+    return rows, np.repeat(np.arange(names), width)
+
+
+@nb.njit(cache=True, nogil=True)
+def _edge_slots(vertices, edge_names, count, joints, names):
+    """Number of each edge among the edges of its name at its grid point; -1 for what is no row, (P, V); and how many
+    edges of each name a grid point has at most (names,)."""
+    slots, width = np.full(edge_names.shape, -1), np.zeros(names, np.int64)
     used = np.zeros(names, np.int64)
     for i in range(len(count)):
         used[:] = 0
@@ -171,4 +190,15 @@ def edge_slots(vertices, edge_names, count, joints, names):
                 continue
             slots[i, k] = used[name]
             used[name] += 1
-    return slots
+            width[name] = max(width[name], used[name])
+    return slots, width
+
+
+@nb.njit(cache=True, nogil=True)
+def _place(edges, edge_names, count, slots, first, rows):
+    """Put the edges that are rows into their columns."""
+    for i in range(len(count)):
+        for k in range(count[i]):
+            if slots[i, k] >= 0:
+                for j in range(3):
+                    rows[i, first[edge_names[i, k]] + slots[i, k], j] = edges[i, k, j]

@@ -15,7 +15,7 @@ import numpy as np
 from robustopt.config import Config
 from robustopt.contact import contact_systems
 from robustopt.path import Path, build_path
-from robustopt.polygons import Polygons, cut, cut_affine, edge_slots, facet_family, start
+from robustopt.polygons import Polygons, cut, cut_affine, edge_rows, facet_family, start
 from robustopt.robot import Robot, load_robot
 from robustopt.rows import ContactFamily, PathMotion, TorqueFamily
 from robustopt.track import Track, build_track
@@ -101,7 +101,9 @@ class TimeScalingProblem:
 
     def counts(self, index: Array) -> Array:
         """Whether the limits of these indices into `limits.names` are among those that count, (k,)."""
-        return np.array([self.kept is None or self.limits.names[k] in self.kept for k in index], dtype=bool)
+        if self.kept is None:
+            return np.ones(len(index), dtype=bool)
+        return np.array([self.limits.names[k] in self.kept for k in index], dtype=bool)
 
     def torque_excess(self, u: Array, x: Array, points: Array) -> float:
         """Largest part of a torque limit by which the exact torque exceeds it, for any value of the parameters.
@@ -145,7 +147,7 @@ def rows_along(track: Track, config: Config) -> TimeScalingProblem:
     empty = np.zeros((points, 0))
     bare = TimeScalingProblem(
         config, track.robot, track.path, track.s, track.piece, track.rest, empty, empty, empty, (),
-        np.where(track.rest, 0.0, track.x_max), tuple(limits.names[k] for k in track.fastest),
+        np.where(track.rest, 0.0, track.x_max), track.velocity_names,
         np.ones(points, dtype=bool), limits, facets, names, np.full(points, np.nan),
     )  # fmt: skip
     return _with_rows(bare, facets, names, bare.reference)
@@ -206,23 +208,9 @@ def _with_rows(
         polygons = cut(polygons, facet_family(rows[used], family.loads, index[used]))
     used = counts[2 * n + joint_names]
     polygons = cut(polygons, limits.torque.family(reference, limits.x_max, used, 2 * n + joint_names))
-    a, b, c, columns = _columns(polygons, n, len(limits.names))
+    rows, columns = edge_rows(polygons, n, len(limits.names))
+    a, b, c = np.ascontiguousarray(np.moveaxis(rows, 2, 0))
     return replace(
         problem, a=a, b=b, c=c, row_names=tuple(limits.names[k] for k in columns), feasible=polygons.sizes > 0,
         facets=facets, facet_names=names, reference=reference,
     )  # fmt: skip
-
-
-def _columns(polygons: Polygons, joints: int, names: int) -> tuple[Array, Array, Array, list[int]]:
-    """Edges of the polygons as rows; the columns of one name are as many as one grid point needs at most."""
-    slots = edge_slots(polygons.vertices, polygons.names, polygons.sizes, joints, names)
-    point, edge = np.nonzero(slots >= 0)
-    name = polygons.names[point, edge]
-    width = np.zeros(names, dtype=np.int64)
-    np.maximum.at(width, name, slots[point, edge] + 1)
-    first = np.r_[0, np.cumsum(width)]
-    rows = np.zeros((len(polygons.sizes), first[-1], 3))
-    rows[:, :, 2] = -1.0
-    rows[point, first[name] + slots[point, edge]] = polygons.rows[point, edge]
-    columns = [k for k in range(names) for _ in range(width[k])]
-    return rows[:, :, 0].copy(), rows[:, :, 1].copy(), rows[:, :, 2].copy(), columns

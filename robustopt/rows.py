@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numba as nb
 import numpy as np
 
+from robustopt import polygons
 from robustopt.contact import ContactSystem
 from robustopt.polygons import Family, Loads
 from robustopt.robot import ArmDynamics, JointLimits
@@ -214,13 +215,17 @@ class TorqueFamily:
 
     def family(self, reference: Array, x_top: Array, used: Array, names: Array) -> Family:
         """The rows that are used, (2n,), with the viscous part linearised about a reference (P,), and their names."""
-        parts = (self.B, self.base_at(reference, x_top), self.base_terms)
-        B, base, base_terms = (np.ascontiguousarray(part[:, used]) for part in parts)
+        B, base, base_terms = self.B, self.base_at(reference, x_top), self.base_terms
+        if not used.all():
+            B, base, base_terms = (np.ascontiguousarray(part[:, used]) for part in (B, base, base_terms))
         return Family(B, self.loads, base, base_terms, names[used])
 
     def base_at(self, reference: Array, x_top: Array) -> Array:
         """Affine base rows with the viscous part linearised, (P, 2n, 3); reference (P,), nan for none."""
         base = self.base.copy()
+        if np.isnan(reference).all():
+            base[:, :, 1] += self.viscous / np.sqrt(x_top)[:, None]
+            return base
         slowest = np.maximum(reference, SLOWEST_REFERENCE * x_top)
         root = np.sqrt(np.where(reference > 0, slowest, np.nan))[:, None]
         tangent, chord = np.isfinite(root), np.isnan(reference)[:, None]
@@ -244,8 +249,8 @@ class TorqueFamily:
 
         u, x: (M,); points: (M,) grid point of each; returns (M, 2n)
         """
-        affine = evaluate(self.B[points], self.loads.at(points), self.base[points], self.base_terms[points], u, x)
-        return affine + self.viscous[points] * np.sqrt(np.maximum(x, 0.0))[:, None]
+        family = Family(self.B, self.loads, self.base, self.base_terms, np.arange(self.B.shape[1]))
+        return polygons.evaluate(family, points, u, x) + self.viscous[points] * np.sqrt(np.maximum(x, 0.0))[:, None]
 
 
 def both(array: Array) -> Array:

@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import combinations
 
 import numpy as np
 
 from robustopt.config_model import Config
 from robustopt.config_yaml import Key
 from robustopt.geometry import (
-    RESOLUTION,
     Patch,
     Placement,
     area,
     base_outline,
-    clip,
     contains,
     eroded,
-    footprint,
+    overlaps,
     patches,
     placements,
     rotation,
+    solids,
     supports,
 )
 
@@ -46,7 +44,7 @@ def check_scene(config: Config) -> Iterator[Finding]:
     if not off:
         yield from _tipping(config, placed, contacts)
         yield from _contact_points(config, contacts)
-    yield from _penetration(config, placed)
+    yield from _penetration(config)
 
 
 def _uneven_bridges(config: Config) -> Iterator[Finding]:
@@ -138,10 +136,6 @@ def _contact_points(config: Config, contacts: tuple[Patch, ...]) -> Iterator[Fin
             yield (*key, used) if isinstance(distance, dict) else key, message
 
 
-def _penetration(config: Config, placed: dict[str, Placement]) -> Iterator[Finding]:
-    outline = {name: footprint(config.objects[name], place, OUTLINE_POINTS) for name, place in placed.items()}
-    for first, second in combinations(placed, 2):
-        a, b = placed[first], placed[second]
-        overlap = a.half_height + b.half_height - abs(a.position[2] - b.position[2])
-        if overlap > RESOLUTION and area(clip(outline[first], outline[second])) > 0:
-            yield ("objects", second), f"it overlaps with {first}; expected each object in a place of its own"
+def _penetration(config: Config) -> Iterator[Finding]:
+    for first, second in overlaps(config.tray.size, solids(config), OUTLINE_POINTS):
+        yield ("objects", second), f"it overlaps with {first}; expected each object in a place of its own"

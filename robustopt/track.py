@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from threading import Lock
 from typing import Any, TypeVar
 
@@ -55,6 +56,11 @@ class Track:
     fastest: Array
     _kept: dict[str, dict[Hashable, Any]] = field(default_factory=dict, repr=False)
     _lock: Lock = field(default_factory=Lock, repr=False)
+
+    @cached_property
+    def velocity_names(self) -> tuple[str, ...]:
+        """Names of the velocity limits that bound x, (P,)."""
+        return tuple(f"{self.robot.joint_names[k]} velocity" for k in self.fastest)
 
     def loads(self, carried: Sequence[Sequence[Body]], about: Sequence[Array], error: Error) -> Loads:
         """Loads of stacked objects, each of which carries the bodies listed for it: see `body_loads`."""
