@@ -1,0 +1,170 @@
+"""`bnb-informed`: the execution that is expected to gain most, by a model of where the boundary may lie (ours)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from statistics import NormalDist
+from typing import ClassVar
+
+import numpy as np
+
+from robustopt.learning.boundary import Cloud, cloud
+from robustopt.learning.branch_and_bound import BranchAndBound, BranchState
+from robustopt.learning.learner import Result, Row, Trial
+from robustopt.learning.monotone import Knowledge
+from robustopt.learning.parameters import Array, Point
+
+CANDIDATES = 2000
+"""Points of the whole cube that are looked at; about as many lie near what succeeded."""
+
+FINALISTS = 250
+"""Candidates whose gain is looked two executions ahead."""
+
+DOUBT = 0.1
+"""Weight of the chance by distances beside that of the model, which may be wrong."""
+
+TRUST = 0.7
+"""Posterior chance that a plan meets the rate with which it may be the incumbent in a noisy world."""
+
+SUSPICION = 0.05
+"""In a noisy world a point is ruled out where the posterior chance that it meets the rate is under it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Informed(BranchAndBound):
+    """Tests the point of the largest expected gain of this execution and the next.
+
+    With P the posterior chance of success, U the cost to beat and f the cost of a candidate,
+
+        value(c) = P(c) (U - f(c)) + max_d P(c and d) (f(c) - f(d))^+ + max_d P(not c, and d) (U - f(d)).
+
+    The samples of `boundary` give the joint chances. P(c) in the first term is mixed with the chance by distances to the
+    decided regions, so that a boundary like none of the samples is found too.
+
+    In one dimension every boundary is a threshold, and the middle of what is undecided is tested.
+
+    **Noisy world** (`executions_per_plan` N over 1). Success means a rate of at least 1 - 1/N, about Phi(K) for
+    N = N_e(K). Every execution is a trial of its own and moves the posterior. A success is the incumbent while its
+    posterior chance to meet the rate is at least `TRUST`, and a point is ruled out where that is under `SUSPICION`: the
+    lower bound then holds by the model, not for certain.
+    """
+
+    name: ClassVar[str] = "bnb-informed"
+
+    @property
+    def noisy(self) -> bool:
+        return self.executions_per_plan > 1
+
+    @property
+    def rate(self) -> float:
+        """Success rate that is asked for in a noisy world."""
+        return 1 - 1 / self.executions_per_plan
+
+    @property
+    def _room(self) -> int:
+        return 1
+
+    def _wanted(self, state: BranchState, trial: Trial) -> tuple[int, float]:
+        return 1, 1.0
+
+    def _executed(self, state: BranchState, trial: Trial) -> BranchState:
+        return self._after(state, trial, Result.FAILURE if trial.failures else Result.SUCCESS)
+
+    # What is known ----------------------------------------------------------------------------------------
+
+    def posterior(self, state: BranchState) -> Cloud:
+        """Samples of the boundary, given all executions so far."""
+        pairs = [
+            (point, row.result is Result.SUCCESS)
+            for row, point in zip(state.rows, state.points, strict=True)
+            if row.result is not Result.INFEASIBLE
+        ]
+        return cloud(self.k, self.noisy, [point for point, _ in pairs], [success for _, success in pairs])
+
+    def meets(self, model: Cloud, margin: Array) -> Array:
+        """Whether a margin means success, by every sample, (M, m) -> (M, m)."""
+        return margin >= model.sigma * (NormalDist().inv_cdf(self.rate) if self.noisy else 0.0)
+
+    def _incumbent_index(self, state: BranchState) -> int | None:
+        if not self.noisy:
+            return super()._incumbent_index(state)
+        succeeded = [i for i, row in enumerate(state.rows) if row.result is Result.SUCCESS]
+        if not succeeded:
+            return None
+        points = np.array([state.points[i] for i in succeeded])
+        model = self.posterior(state)
+        trusted = self.meets(model, model.margin(points)).mean(axis=0) >= TRUST
+        costs = np.where(trusted, self.map.exact(points), np.inf)
+        return succeeded[int(np.argmin(costs))] if trusted.any() else None
+
+    def _least(self, state: BranchState) -> float:
+        if not self.noisy:
+            return super()._least(state)
+        points = np.vstack([np.zeros((1, self.k)), np.random.default_rng(0).random((CANDIDATES, self.k))])
+        model = self.posterior(state)
+        chance = self.meets(model, model.margin(points)).mean(axis=0)
+        left = points[chance >= SUSPICION]
+        return float(self.map.exact(left[[np.argmin(self.map.guide(left))]])[0]) if len(left) else np.inf
+
+    # The next execution -----------------------------------------------------------------------------------
+
+    def _propose(self, state: BranchState, known: Knowledge, cut: float) -> Point | None:
+        if self.k == 1 and not self.noisy:
+            return self._widest(known, cut)
+        if not self.noisy and not len(self.boxes(known, cut)[0]):
+            return None
+        points = self._candidates(state, known, cut)
+        if len(points):
+            model, costs = self.posterior(state), self.map.guide(points)
+            margin = model.margin(points)
+            hopeful = np.argsort(-(self.meets(model, margin).mean(axis=0) + SUSPICION) * (cut - costs), kind="stable")
+            kept = hopeful[:FINALISTS]
+            value = self._value(model, known, points[kept], margin[:, kept], costs[kept], cut)
+            for index in kept[np.argsort(-value, kind="stable")][:ATTEMPTS]:
+                if self.map.exact(points[[index]])[0] < cut:
+                    return tuple(points[index].tolist())
+        return None if self.noisy else self._widest(known, cut)
+
+    def _candidates(self, state: BranchState, known: Knowledge, cut: float) -> Array:
+        """Points (m, k) under the cost, undecided where there is no noise: over the cube and near what succeeded."""
+        random = np.random.default_rng([self.k, len(state.rows)])
+        sets = [random.random((CANDIDATES, self.k))]
+        best = known.successes[np.argsort(self.map.exact(known.successes), kind="stable")[:NEAR]]
+        if not len(best):
+            sets.append(np.repeat(random.random((CANDIDATES, 1)), self.k, axis=1))
+        for point in best:
+            for scale in (0.15, 0.04):
+                moved = point + random.normal(0, scale, (CANDIDATES // 6, self.k))
+                sets.append(np.clip(moved, 0, 1))
+            sets.append(point * random.random((CANDIDATES // 6, self.k)) ** 0.3)
+        points = np.vstack(sets)
+        points = points[self.map.guide(points) < cut]
+        return points if self.noisy else points[known.undecided(points)]
+
+    def _value(self, model: Cloud, known: Knowledge, points: Array, margin: Array, costs: Array, cut: float) -> Array:
+        """Expected gain of testing each candidate and then the best of what follows, (m,) [s]."""
+        meets = self.meets(model, margin).astype(float)
+        succeeds = model.chances(margin) if self.noisy else meets
+        both = succeeds.T @ meets / len(meets)
+        chance = np.mean(succeeds * meets, axis=0)
+        if not self.noisy:
+            chance = (1 - DOUBT) * chance + DOUBT * _chance_by_distance(known, points)
+        after_success = np.max(both * np.maximum(costs[:, None] - costs, 0), axis=1)
+        after_failure = np.max((meets.mean(axis=0) - both) * (cut - costs), axis=1)
+        return chance * (cut - costs) + after_success + after_failure
+
+
+ATTEMPTS = 20
+"""Best candidates of which one must cost little enough by f* itself, not only by its interpolation."""
+
+NEAR = 3
+"""Cheapest successes near which candidates are drawn."""
+
+
+def _chance_by_distance(known: Knowledge, points: Array) -> Array:
+    """Chance of success from the distances to what failed and to what succeeded, (m,); a and b stand for these too."""
+    k = points.shape[1]
+    failures, successes = np.vstack([np.zeros((1, k)), known.failures]), np.vstack([np.ones((1, k)), known.successes])
+    up = np.min([np.linalg.norm(np.maximum(points - failure, 0), axis=1) for failure in failures], axis=0)
+    down = np.min([np.linalg.norm(np.maximum(success - points, 0), axis=1) for success in successes], axis=0)
+    return up / (up + down + 1e-12)
