@@ -187,27 +187,42 @@ class BranchAndBound(Learner[BranchState]):
 
     # Boxes ------------------------------------------------------------------------------------------------
 
-    def boxes(self, known: Knowledge, cut: float, along_diagonal: bool = False) -> tuple[Array, Array, Array]:
-        """Undecided boxes with the point of each to test: lower and upper corners and points, (m, k) each.
+    def _widest(self, known: Knowledge, cut: float, along_diagonal: bool = False) -> Point | None:
+        """The point of the undecided box that is most worth a test; None without a box.
 
         From the unit cube down, every box is contracted to what is undecided in it, dropped where its optimistic corner
         costs `cut` or more or no side is over `delta`, and split in 2^k at its point where that is decided already. The
         point is the middle of the box, or of what is undecided of its diagonal, as long as that is more than `FRACTION`
-        of it.
+        of it. The worth of a box is its volume times log(cut / f* of its optimistic corner). Parts are never worth more
+        than the whole, so boxes of less worth than the best point found need no look.
         """
-        low, high = np.zeros((1, self.k)), np.ones((1, self.k))
-        kept = []
+        best, point = 0.0, None
+        low, high, worth = self._useful(known, cut, np.zeros((1, self.k)), np.ones((1, self.k)))
         while len(low):
-            low, high = known.contract(low, high)
-            wide = np.max(high - low, axis=1) > self.delta
-            wide &= np.all(high > low, axis=1) & (self.map.guide(np.clip(low, 0, 1)) < cut)
-            low, high = low[wide], high[wide]
-            share, open_ = self._places(known, cut, low, high, along_diagonal)
-            middle = low + share[:, None] * (high - low)
-            kept.append(np.stack([low[open_], high[open_], middle[open_]]))
-            low, high = _split(low[~open_], middle[~open_], high[~open_])
-        found = np.concatenate(kept, axis=1)
-        return found[0], found[1], found[2]
+            first = np.argsort(-worth, kind="stable")[:TOGETHER]
+            share, worth_a_test = self._places(known, cut, low[first], high[first], along_diagonal)
+            middle = low[first] + share[:, None] * (high[first] - low[first])
+            for index in np.flatnonzero(worth_a_test)[:1]:
+                if worth[first[index]] > best:
+                    best, point = float(worth[first[index]]), tuple(middle[index].tolist())
+            divided = first[~worth_a_test]
+            parts = self._useful(known, cut, *_split(low[divided], middle[~worth_a_test], high[divided]))
+            low, high, worth = (
+                np.concatenate([np.delete(old, first, axis=0), new])
+                for old, new in zip((low, high, worth), parts, strict=True)
+            )
+            left = worth > best
+            low, high, worth = low[left], high[left], worth[left]
+        return point
+
+    def _useful(self, known: Knowledge, cut: float, low: Array, high: Array) -> tuple[Array, Array, Array]:
+        """Boxes (m, k), contracted, without those of no use, and what each is worth, (m,)."""
+        low, high = known.contract(low, high)
+        size = high - low
+        wide = np.all(size > 0, axis=1) & np.any(size > self.delta, axis=1)
+        low, high, size = low[wide], high[wide], size[wide]
+        worth = np.prod(size, axis=1) * np.log(cut / self.map.guide(low))
+        return low[worth > 0], high[worth > 0], worth[worth > 0]
 
     def _places(
         self, known: Knowledge, cut: float, low: Array, high: Array, along_diagonal: bool
@@ -223,17 +238,12 @@ class BranchAndBound(Learner[BranchState]):
             place = (cheap + dear) / 2
             under = self.map.guide(low + place[:, None] * size) < cut
             cheap, dear = np.where(under, place, cheap), np.where(under, dear, place)
-        last = np.minimum(last, np.where(cheap > 1 - 2.0**-HALVINGS, 1.0, cheap))
+        last = np.minimum(last, dear)
         return np.clip((first + last) / 2, 0.05, 0.95), last - first > FRACTION
 
-    def _widest(self, known: Knowledge, cut: float, along_diagonal: bool = False) -> Point | None:
-        """The point of the box that is most worth it: the largest product of volume and log(cut / f* of its corner)."""
-        low, high, points = self.boxes(known, cut, along_diagonal)
-        if not len(points):
-            return None
-        worth = np.prod(high - low, axis=1) * np.log(cut / self.map.guide(low))
-        return tuple(points[int(np.argmax(worth))].tolist())
 
+TOGETHER = 64
+"""Boxes that are looked at together."""
 
 HALVINGS = 6
 """Of the diagonal of a box, to find where it gets too expensive."""

@@ -109,10 +109,9 @@ class Informed(BranchAndBound):
     # The next execution -----------------------------------------------------------------------------------
 
     def _propose(self, state: BranchState, known: Knowledge, cut: float) -> Point | None:
-        if self.k == 1 and not self.noisy:
-            return self._widest(known, cut)
-        if not self.noisy and not len(self.boxes(known, cut)[0]):
-            return None
+        widest = None if self.noisy else self._widest(known, cut)
+        if not self.noisy and (widest is None or self.k == 1):
+            return widest
         points = self._candidates(state, known, cut)
         if len(points):
             model, costs = self.posterior(state), self.map.guide(points)
@@ -123,7 +122,7 @@ class Informed(BranchAndBound):
             for index in kept[np.argsort(-value, kind="stable")][:ATTEMPTS]:
                 if self.map.exact(points[[index]])[0] < cut:
                     return tuple(points[index].tolist())
-        return None if self.noisy else self._widest(known, cut)
+        return widest
 
     def _candidates(self, state: BranchState, known: Knowledge, cut: float) -> Array:
         """Points (m, k) under the cost, undecided where there is no noise: over the cube and near what succeeded."""

@@ -63,15 +63,11 @@ class Knowledge:
         """Boxes [low, high], (m, k) each, without the slabs at their faces that are ruled out as a whole."""
         low, high = low.copy(), high.copy()
         for failure in self.failures:
-            covered = high <= failure
-            for axis in range(low.shape[1]):
-                slab = np.all(np.delete(covered, axis, axis=1), axis=1)
-                low[:, axis] = np.where(slab, np.maximum(low[:, axis], failure[axis]), low[:, axis])
+            for axis, slab in enumerate(_slabs(high <= failure)):
+                low[slab, axis] = np.maximum(low[slab, axis], failure[axis])
         for top in self.tops:
-            covered = low >= top
-            for axis in range(low.shape[1]):
-                slab = np.all(np.delete(covered, axis, axis=1), axis=1)
-                high[:, axis] = np.where(slab, np.minimum(high[:, axis], top[axis]), high[:, axis])
+            for axis, slab in enumerate(_slabs(low >= top)):
+                high[slab, axis] = np.minimum(high[slab, axis], top[axis])
         return low, high
 
     def diagonal(self, low: Array, high: Array) -> tuple[Array, Array]:
@@ -87,6 +83,13 @@ class Knowledge:
     def contradictions(self) -> int:
         """Pairs of a success and a failure of which the failure is at least as conservative."""
         return int(np.all(self.successes[:, None] <= self.failures[None], axis=2).sum())
+
+
+def _slabs(covered: Array) -> list[Array]:
+    """For each axis, the boxes that are covered along all others, given what is covered of (m, k)."""
+    count = np.sum(covered, axis=1)
+    almost = np.flatnonzero(count >= covered.shape[1] - 1)
+    return [almost[count[almost] - covered[almost, axis] == covered.shape[1] - 1] for axis in range(covered.shape[1])]
 
 
 def _minimal(points: Array) -> Array:
