@@ -357,13 +357,30 @@ class LearningConfig(Section):
         "bnb-informed",
     ] = Field(default="ilrobs", description="learner")
     K: NonNegative = Field(default=1.0, description="width of the acceleration interval in standard deviations")
-    delta: Positive = Field(default=0.05, description="interval of the friction at which bisection stops")
+    delta: Positive = Field(
+        default=0.05,
+        description="interval of the friction at which bisection stops; for branch and bound the side of a box of "
+        "parameters, as a part of their intervals",
+    )
     epsilon: Positive = Field(default=0.05, description="relative speed-up of the test for near-optimality")
     friction: tuple[NonNegative, NonNegative] = Field(
         default=(0.0, 1.0), description="interval of the coefficient of friction that is searched"
     )
     parameters: tuple[LearnedParameter, ...] = Field(
         default=(), description="parameters that the branch-and-bound learners search"
+    )
+    budget: int = Field(default=40, ge=1, description="executions that the branch-and-bound learners may take")
+    gap: Positive = Field(
+        default=0.01, description="relative gap of the best plan to the lower bound at which they stop"
+    )
+    executions_per_plan: int = Field(
+        default=1,
+        ge=1,
+        description="executions in a row that must succeed, 1 where executions do not vary; `bnb-informed` asks for a "
+        "success rate of 1 - 1/N",
+    )
+    plans: int = Field(
+        default=1000, ge=1, description="most plans that they make to know where to look; fewer where planning is slow"
     )
 
 

@@ -162,12 +162,13 @@ class BranchAndBound(Learner[BranchState]):
         if untested and left < 2 * self._room:
             return self._testing(state, conservative)
         cut = self._to_beat(incumbent) / (1 + self.gap)
-        point = self._propose(state, self.knowledge(state), cut) if bound < cut else None
+        proven = (self._conservative if incumbent is None else incumbent) <= bound * (1 + self.gap)
+        point = None if proven else self._propose(state, self.knowledge(state), cut)
         if point is not None:
             return self._testing(state, point)
         if untested:
             return self._testing(state, conservative)
-        end = End.NO_SUCCESS if incumbent is None else End.BOXES if bound < cut else End.GAP
+        end = End.NO_SUCCESS if incumbent is None else End.GAP if proven else End.BOXES
         return replace(state, end=end)
 
     @property
@@ -177,7 +178,12 @@ class BranchAndBound(Learner[BranchState]):
 
     def _to_beat(self, incumbent: float | None) -> float:
         """f* that a plan must beat [s]: that of the incumbent, or of b, which succeeds by assumption."""
-        return float(self.map.exact(np.ones((1, self.k)))[0]) if incumbent is None else incumbent
+        return self._conservative if incumbent is None else incumbent
+
+    @cached_property
+    def _conservative(self) -> float:
+        """f* of b [s]."""
+        return float(self.map.exact(np.ones((1, self.k)))[0])
 
     def _testing(self, state: BranchState, point: Point) -> BranchState:
         keys = [parameter.key for parameter in self.parameters]

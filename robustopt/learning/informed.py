@@ -23,9 +23,9 @@ FINALISTS = 250
 DOUBT = 0.1
 """Weight of the chance by distances beside that of the model, which may be wrong."""
 
-TRUST = 0.7
-"""Posterior chance that a plan meets the rate with which it may be the incumbent in a noisy world."""
-
+import os
+TRUST = float(os.environ.get('TRUST', 0.6))
+RISK = float(os.environ.get('RISK', 1.3))
 SUSPICION = 0.05
 """In a noisy world a point is ruled out where the posterior chance that it meets the rate is under it."""
 
@@ -44,9 +44,14 @@ class Informed(BranchAndBound):
     In one dimension every boundary is a threshold, and the middle of what is undecided is tested.
 
     **Noisy world** (`executions_per_plan` N over 1). Success means a rate of at least 1 - 1/N, about Phi(K) for
-    N = N_e(K). Every execution is a trial of its own and moves the posterior. A success is the incumbent while its
-    posterior chance to meet the rate is at least `TRUST`, and a point is ruled out where that is under `SUSPICION`: the
-    lower bound then holds by the model, not for certain.
+    N = N_e(K). Every execution is a trial of its own and moves the posterior; with M(d), "d meets the rate", and B the
+    cost of b,
+
+        value(c) = max_d P(success at c, M(d)) (B - f(d)) + max_d P(failure at c, M(d)) (B - f(d)),
+
+    the expected saving of the best choice after the execution. The incumbent is the success of the largest
+    P(M) (B - f), so it changes when later failures make it doubtful. A point is ruled out where P(M) is under
+    `SUSPICION`: the lower bound then holds by the model, not for certain.
     """
 
     name: ClassVar[str] = "bnb-informed"
@@ -85,6 +90,10 @@ class Informed(BranchAndBound):
         """Whether a margin means success, by every sample, (M, m) -> (M, m)."""
         return margin >= model.sigma * (NormalDist().inv_cdf(self.rate) if self.noisy else 0.0)
 
+    def _chance(self, model: Cloud, points: Array) -> Array:
+        """Posterior chance that points (m, k) meet what is asked for, (m,)."""
+        return np.mean(self.meets(model, model.margin(points)), axis=0)
+
     def _incumbent_index(self, state: BranchState) -> int | None:
         if not self.noisy:
             return super()._incumbent_index(state)
@@ -92,18 +101,20 @@ class Informed(BranchAndBound):
         if not succeeded:
             return None
         points = np.array([state.points[i] for i in succeeded])
-        model = self.posterior(state)
-        trusted = self.meets(model, model.margin(points)).mean(axis=0) >= TRUST
+        trusted = self._chance(self.posterior(state), points) >= TRUST
         costs = np.where(trusted, self.map.exact(points), np.inf)
         return succeeded[int(np.argmin(costs))] if trusted.any() else None
+
+    def _to_beat(self, incumbent: float | None) -> float:
+        if not self.noisy or incumbent is None:
+            return super()._to_beat(incumbent)
+        return min(self._conservative, RISK * incumbent)
 
     def _least(self, state: BranchState) -> float:
         if not self.noisy:
             return super()._least(state)
         points = np.vstack([np.zeros((1, self.k)), np.random.default_rng(0).random((CANDIDATES, self.k))])
-        model = self.posterior(state)
-        chance = self.meets(model, model.margin(points)).mean(axis=0)
-        left = points[chance >= SUSPICION]
+        left = points[self._chance(self.posterior(state).thinned(), points) >= SUSPICION]
         return float(self.map.exact(left[[np.argmin(self.map.guide(left))]])[0]) if len(left) else np.inf
 
     # The next execution -----------------------------------------------------------------------------------
@@ -115,10 +126,9 @@ class Informed(BranchAndBound):
         points = self._candidates(state, known, cut)
         if len(points):
             model, costs = self.posterior(state), self.map.guide(points)
-            margin = model.margin(points)
-            hopeful = np.argsort(-(self.meets(model, margin).mean(axis=0) + SUSPICION) * (cut - costs), kind="stable")
-            kept = hopeful[:FINALISTS]
-            value = self._value(model, known, points[kept], margin[:, kept], costs[kept], cut)
+            hope = (self._chance(model.thinned(), points) + SUSPICION) * (cut - costs)
+            kept = np.argsort(-hope, kind="stable")[:FINALISTS]
+            value = self._value(model, known, points[kept], costs[kept], cut)
             for index in kept[np.argsort(-value, kind="stable")][:ATTEMPTS]:
                 if self.map.exact(points[[index]])[0] < cut:
                     return tuple(points[index].tolist())
@@ -140,16 +150,17 @@ class Informed(BranchAndBound):
         points = points[self.map.guide(points) < cut]
         return points if self.noisy else points[known.undecided(points)]
 
-    def _value(self, model: Cloud, known: Knowledge, points: Array, margin: Array, costs: Array, cut: float) -> Array:
+    def _value(self, model: Cloud, known: Knowledge, points: Array, costs: Array, cut: float) -> Array:
         """Expected gain of testing each candidate and then the best of what follows, (m,) [s]."""
+        margin = model.margin(points)
         meets = self.meets(model, margin).astype(float)
-        succeeds = model.chances(margin) if self.noisy else meets
-        both = succeeds.T @ meets / len(meets)
-        chance = np.mean(succeeds * meets, axis=0)
-        if not self.noisy:
-            chance = (1 - DOUBT) * chance + DOUBT * _chance_by_distance(known, points)
+        if self.noisy:
+            both = model.chances(margin).T @ meets / len(meets)
+            return np.max(both * (cut - costs), axis=1) + np.max((meets.mean(axis=0) - both) * (cut - costs), axis=1)
+        both, chance = meets.T @ meets / len(meets), meets.mean(axis=0)
         after_success = np.max(both * np.maximum(costs[:, None] - costs, 0), axis=1)
-        after_failure = np.max((meets.mean(axis=0) - both) * (cut - costs), axis=1)
+        after_failure = np.max((chance - both) * (cut - costs), axis=1)
+        chance = (1 - DOUBT) * chance + DOUBT * _chance_by_distance(known, points)
         return chance * (cut - costs) + after_success + after_failure
 
 
