@@ -23,9 +23,9 @@ FINALISTS = 250
 DOUBT = 0.1
 """Weight of the chance by distances beside that of the model, which may be wrong."""
 
-import os
-TRUST = float(os.environ.get('TRUST', 0.6))
-RISK = float(os.environ.get('RISK', 1.3))
+TRUST = 0.6
+"""Posterior chance that a plan meets the rate with which it may be the incumbent in a noisy world."""
+
 SUSPICION = 0.05
 """In a noisy world a point is ruled out where the posterior chance that it meets the rate is under it."""
 
@@ -49,8 +49,8 @@ class Informed(BranchAndBound):
 
         value(c) = max_d P(success at c, M(d)) (B - f(d)) + max_d P(failure at c, M(d)) (B - f(d)),
 
-    the expected saving of the best choice after the execution. The incumbent is the success of the largest
-    P(M) (B - f), so it changes when later failures make it doubtful. A point is ruled out where P(M) is under
+    the expected saving of the best choice after the execution. The incumbent is the cheapest success of which P(M) is at
+    least `TRUST`, so it changes when later failures make it doubtful. A point is ruled out where P(M) is under
     `SUSPICION`: the lower bound then holds by the model, not for certain.
     """
 
@@ -106,9 +106,7 @@ class Informed(BranchAndBound):
         return succeeded[int(np.argmin(costs))] if trusted.any() else None
 
     def _to_beat(self, incumbent: float | None) -> float:
-        if not self.noisy or incumbent is None:
-            return super()._to_beat(incumbent)
-        return min(self._conservative, RISK * incumbent)
+        return super()._to_beat(None if self.noisy else incumbent)
 
     def _least(self, state: BranchState) -> float:
         if not self.noisy:
