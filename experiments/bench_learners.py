@@ -53,7 +53,7 @@ class World:
     budgets: tuple[int, int]
 
 
-WORLDS = (World("quiet", 0.0, 1, (60, 120)), World("noisy", 0.05, paper_executions(K), (100, 300)))
+WORLDS = (World("quiet", 0.0, 1, (60, 120)), World("noisy", 0.05, paper_executions(K), (80, 200)))
 DIMENSIONS = (2, 3, 4)
 
 
@@ -119,16 +119,17 @@ COLUMNS = (
 BELOW = """
 - Medians over seeds. Regret: cost of the incumbent over the true optimum, minus 1; before the first success the
   incumbent is b, which succeeds by assumption. "Executions to 5 %": from there to the end of the run the regret is at
-  most 5 %; a run that does not get there counts as more than its budget ({budgets}), and "> " says that the median does.
+  most 5 %; a run that does not get there counts as more than its budget ({budgets}). An empty
+  cell: the median run does not.
 - Problems: `experiments/monotone_problems.py`, the shapes {shapes}, on which no constant of a learner was chosen. The
   true optimum is found by brute force on the boundary.
-- Noisy: the margin of an execution has a deviation of {noise:g} (parameters lie in [0, 1]); asked for is a success rate of
-  {rate:.3f}, which the other methods test by {executions} successes in a row. Every execution counts. An incumbent whose
-  true rate is more than {lenient:g} below that counts as b.
+- Noisy: the margin of an execution has a deviation of {noise:g} (parameters lie in [0, 1]); asked for is a success
+  rate of {rate:.3f}, which the other methods test by {executions} successes in a row. Every execution counts. An
+  incumbent whose true rate is more than {lenient:g} below that counts as b.
 - Random search, the grid and Optuna's samplers never execute what monotony decides or what costs more than the
   incumbent; Optuna's samplers get the answers that follow from it for nothing, and success as a constraint.
-{gp}- "Proven gap": incumbent over lower bound after 40 executions, minus 1. In the noisy world that of `bnb-informed` holds by its
-  model, that of the others by their verdicts.
+{gp}- "Proven gap": incumbent over lower bound after 40 executions, minus 1. In the noisy world that of `bnb-informed`
+  holds by its model, that of the others by their verdicts.
 """
 
 
@@ -189,7 +190,7 @@ def write_report(runs: Sequence[dict[str, Value]], folder: Path) -> list[Path]:
     missing = {run["method"] for run in runs} >= {"optuna GP"}
     gp = "" if missing else "- Optuna's GP sampler is run where torch is installed, which it needs; it was not here.\n"
     below = BELOW.format(
-        budgets=", ".join(f"{w.name}: {w.budgets[0]} for `bnb-informed`, {w.budgets[1]} for the others" for w in WORLDS),
+        budgets=", ".join(f"{w.name} {w.budgets[0]} for `bnb-informed`, {w.budgets[1]} for others" for w in WORLDS),
         shapes=", ".join(f"`{shape.__name__}`" for shape in HELD_OUT), noise=WORLDS[1].noise, rate=phi(K),
         executions=WORLDS[1].executions_per_plan, lenient=LENIENT, gp=gp,
     )  # fmt: skip
@@ -214,9 +215,7 @@ def main() -> None:
     done = {(run["world"], run["k"], run["method"], run["seed"]) for run in runs}
     tasks = [
         (world, k, method, seed)
-        for world, k, method, seed in product(
-            WORLDS, arguments.dimensions, arguments.methods, range(arguments.seeds)
-        )
+        for world, k, method, seed in product(WORLDS, arguments.dimensions, arguments.methods, range(arguments.seeds))
         if (world.name, k, method, seed) not in done
     ]
     names, order = list(contenders()), [world.name for world in WORLDS]

@@ -1,7 +1,7 @@
-"""What the learners of several parameters are compared with: the same contract, verdicts and knowledge, other choices.
+"""What the learners of several parameters are compared with: the same contract and verdicts, other choices.
 
-Every contender skips points that are decided or that cost too much, so none wastes an execution that `monotone` shows to
-be useless. Optuna's samplers get the cost as objective, success as a constraint, and the answers that follow from
+Every contender skips points that are decided or that cost too much, so none wastes an execution that `monotone` shows
+to be useless. Optuna's samplers get the cost as objective, success as a constraint, and the answers that follow from
 monotony for nothing.
 """
 

@@ -324,7 +324,10 @@ def test_a_learner_that_is_not_here():
         (lambda: Calibrated(patience=0.5), r"learning\.patience: found 0\.5"),
         (lambda: AccelerationInterval(executions=0), "at least one execution"),
         (lambda: Midpoint(parameters=(), cost=cost), r"learning\.parameters: found none"),
-        (lambda: Midpoint(parameters=(UPPER, UPPER), cost=cost), r"learning\.parameters: found contact\.friction\.upper"),
+        (
+            lambda: Midpoint(parameters=(UPPER, UPPER), cost=cost),
+            r"learning\.parameters: found contact\.friction\.upper",
+        ),
         (lambda: Parameter("path.blend", 1.0, 1.0), r"learning\.parameters: found 1 and 1 for path\.blend"),
         (lambda: Diagonal(parameters=(UPPER,), cost=cost, budget=0), r"learning\.budget: found 0"),
     ],

@@ -1,8 +1,8 @@
 """Several parameters at once from success or failure alone (problem: paper, 7.1; the algorithms are ours).
 
 theta lies in a box [a, b], a optimistic and b conservative. f*(theta), the duration of its plan, grows with every
-parameter and costs only computing; whether its execution succeeds is monotone too, and costs an execution. Wanted is the
-fastest plan that succeeds. Points are those of the unit cube (`parameters`).
+parameter and costs only computing; whether its execution succeeds is monotone too, and costs an execution. Wanted is
+the fastest plan that succeeds. Points are those of the unit cube (`parameters`).
 """
 
 from __future__ import annotations
@@ -197,7 +197,7 @@ class BranchAndBound(Learner[BranchState]):
         """The point of the undecided box that is most worth a test; None without a box.
 
         From the unit cube down, every box is contracted to what is undecided in it, dropped where its optimistic corner
-        costs `cut` or more or no side is over `delta`, and split in 2^k at its point where that is decided already. The
+        costs `cut` or more by the interpolated f* or no side is over `delta`, and split in 2^k at its point where that is decided already. The
         point is the middle of the box, or of what is undecided of its diagonal, as long as that is more than `FRACTION`
         of it. The worth of a box is its volume times log(cut / f* of its optimistic corner). Parts are never worth more
         than the whole, so boxes of less worth than the best point found need no look.

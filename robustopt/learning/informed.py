@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from statistics import NormalDist
 from typing import ClassVar
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from robustopt.learning.boundary import Cloud, cloud
 from robustopt.learning.branch_and_bound import BranchAndBound, BranchState
-from robustopt.learning.learner import Result, Row, Trial
+from robustopt.learning.learner import Result, Trial
 from robustopt.learning.monotone import Knowledge
 from robustopt.learning.parameters import Array, Point
 
@@ -38,8 +38,8 @@ class Informed(BranchAndBound):
 
         value(c) = P(c) (U - f(c)) + max_d P(c and d) (f(c) - f(d))^+ + max_d P(not c, and d) (U - f(d)).
 
-    The samples of `boundary` give the joint chances. P(c) in the first term is mixed with the chance by distances to the
-    decided regions, so that a boundary like none of the samples is found too.
+    The samples of `boundary` give the joint chances. P(c) in the first term is mixed with the chance by distances to
+    the decided regions, so that a boundary like none of the samples is found too.
 
     In one dimension every boundary is a threshold, and the middle of what is undecided is tested.
 
@@ -49,8 +49,8 @@ class Informed(BranchAndBound):
 
         value(c) = max_d P(success at c, M(d)) (B - f(d)) + max_d P(failure at c, M(d)) (B - f(d)),
 
-    the expected saving of the best choice after the execution. The incumbent is the cheapest success of which P(M) is at
-    least `TRUST`, so it changes when later failures make it doubtful. A point is ruled out where P(M) is under
+    the expected saving of the best choice after the execution. The incumbent is the cheapest success of which P(M) is
+    at least `TRUST`, so it changes when later failures make it doubtful. A point is ruled out where P(M) is under
     `SUSPICION`: the lower bound then holds by the model, not for certain.
     """
 
