@@ -377,7 +377,11 @@ class LearningConfig(Section):
         default=(0.0, 1.0),
         description="interval of the coefficient of friction that is searched; it replaces that of all interfaces",
     )
-    delta: Positive = Field(default=0.05, description="interval of the friction at which bisection and ilrobs stop")
+    delta: Positive = Field(
+        default=0.05,
+        description="interval of the friction at which bisection and ilrobs stop; for branch and bound the side of a "
+        "box of parameters, as a part of their intervals",
+    )
     try_upper: bool = Field(
         default=True, description="ilrobs: try the upper end of the friction first; false halves at once"
     )
@@ -421,6 +425,19 @@ class LearningConfig(Section):
     )
     parameters: tuple[LearnedParameter, ...] = Field(
         default=(), description="parameters that the branch-and-bound learners search"
+    )
+    budget: int = Field(default=40, ge=1, description="executions that the branch-and-bound learners may take")
+    gap: Positive = Field(
+        default=0.01, description="relative gap of the best plan to the lower bound at which they stop"
+    )
+    executions_per_plan: int = Field(
+        default=1,
+        ge=1,
+        description="executions in a row that must succeed, 1 where executions do not vary; `bnb-informed` asks for a "
+        "success rate of 1 - 1/N",
+    )
+    plans: int = Field(
+        default=1000, ge=1, description="most plans that they make to know where to look; fewer where planning is slow"
     )
 
 
