@@ -153,7 +153,8 @@ def _written_out(config: Config, key: Key) -> dict[str, Any]:
     if part in PER_NAME and isinstance(name, str) and not isinstance(whole, dict) and whole is not None:
         result[part] = {"default": whole}
     if part == "uncertainty.friction" and isinstance(inner[-1], int):
-        believed, given = config.contact.friction, whole if isinstance(whole, dict) else {"": whole, "default": whole}
+        given = {} if whole is None else whole if isinstance(whole, dict) else {"": whole, "default": whole}
+        believed = config.contact.friction
         place = name if isinstance(name, str) else ""
         interval = given.get(place, given.get("default"))
         if interval is None:
