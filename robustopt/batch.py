@@ -74,8 +74,12 @@ class BatchPlanner:
         """
         keys = [_identity(setting) for setting in settings]
         new = {key: setting for key, setting in zip(keys, settings, strict=True) if key not in self._durations}
-        self._durations.update(zip(new, self._each(new.values(), self._duration), strict=True))
+        self._durations.update(zip(new, self.plan_durations(list(new.values())), strict=True))
         return np.array([self._durations[key] for key in keys])
+
+    def plan_durations(self, settings: Sequence[Setting]) -> Array:
+        """The same, computed anew."""
+        return np.array(self._each(settings, self._duration))
 
     def plans(self, settings: Sequence[Setting]) -> list[Plan]:
         """The plan of each setting: what `solve(build_problem(config), "reachability")` gives for it."""

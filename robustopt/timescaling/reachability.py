@@ -37,8 +37,8 @@ def solve_reachability(problem: TimeScalingProblem) -> Plan:
     x, bound, stuck = passes(problem.a, problem.b, problem.c, problem.x_max, problem.ds)
     if stuck >= 0:
         return _stuck(problem, stuck, began)
-    duration, fastest = _durations(problem.ds, x, bound)
-    gap = 1.0 - fastest / duration
+    duration = duration_of(problem.ds, x)
+    gap = 1.0 - duration_of(problem.ds, bound) / duration
     polished = gap > OPTIMALITY_GAP
     if polished:
         better, left = polish(problem.a, problem.b, problem.c, problem.x_max, problem.ds, x)
@@ -55,19 +55,6 @@ def solve_reachability(problem: TimeScalingProblem) -> Plan:
 def _stuck(problem: TimeScalingProblem, point: int, began: float) -> Plan:
     statistics = {"solver_seconds": time.perf_counter() - began}
     return failed_plan(problem, Status.INFEASIBLE, "reachability", Status.INFEASIBLE.sentence, point, statistics)
-
-
-@nb.njit(cache=True, nogil=True)
-def _durations(ds, x, bound):
-    """Durations of a timing and of its upper bound [s]: see `duration_of`."""
-    total, least = 0.0, 0.0
-    for i in range(len(ds)):
-        if ds[i] > 0.0:
-            moving = np.sqrt(x[i]) + np.sqrt(x[i + 1])
-            total += 2 * ds[i] / moving if moving > 0.0 else np.inf
-            moving = np.sqrt(bound[i]) + np.sqrt(bound[i + 1])
-            least += 2 * ds[i] / moving if moving > 0.0 else np.inf
-    return total, least
 
 
 @nb.njit(cache=True, nogil=True)
@@ -90,14 +77,14 @@ def _extreme_x(A, B, C, m, x_max, sign, order):
     """Largest (sign 1) or smallest (sign -1) x in [0, x_max] with A u + B x + C <= 0 for some u; nan if there is none.
 
     Incremental linear programming in two variables (Seidel): a violated row moves the optimum onto its line. order:
-    in which the rows are taken; a violated one moves to the front, so that the rows that bind at one grid point are the
-    first at the next, where they mostly bind too.
+    in which the rows are taken, without indices from m on; a violated one moves to the front, so that what binds at one
+    grid point comes first at the next, where it mostly binds too.
     """
     x = x_max if sign > 0 else 0.0
     u = 0.0
-    for p in range(m):
+    for p in range(len(order)):
         i = order[p]
-        if A[i] * u + B[i] * x + C[i] <= FEASIBILITY * 1e-3:
+        if i >= m or A[i] * u + B[i] * x + C[i] <= FEASIBILITY * 1e-3:
             continue
         norm = A[i] * A[i] + B[i] * B[i]
         if norm < 1e-300:
@@ -114,6 +101,8 @@ def _extreme_x(A, B, C, m, x_max, sign, order):
                 slope, rest = -dx, -x0
             else:
                 j = order[k]
+                if j >= m:
+                    continue
                 slope = A[j] * du + B[j] * dx
                 rest = A[j] * u0 + B[j] * x0 + C[j]
             scale = 1e-13 * norm
@@ -165,7 +154,7 @@ def passes(a, b, c, x_max, ds):
     P, m = a.shape
     low, high, x, bound = np.zeros(P), np.zeros(P), np.zeros(P), np.zeros(P)
     A, B, C = np.empty(2 * m + 4), np.empty(2 * m + 4), np.empty(2 * m + 4)
-    fast, slow, rows = np.arange(2 * m + 4), np.arange(2 * m + 4), 0
+    fast, slow = np.arange(2 * m + 2), np.arange(2 * m + 2)
     high[P - 1] = x_max[P - 1]
     for i in range(P - 2, -1, -1):
         if ds[i] == 0.0:
@@ -176,8 +165,6 @@ def passes(a, b, c, x_max, ds):
             A[1], B[1], C[1] = -step, -1.0, low[i + 1]
             n = _gather(a, b, c, i, 0.0, A, B, C, 2)
             n = _gather(a, b, c, i + 1, step, A, B, C, n)
-            if n != rows:
-                fast[:], slow[:], rows = np.arange(2 * m + 4), np.arange(2 * m + 4), n
             high[i] = _extreme_x(A, B, C, n, x_max[i], 1, fast)
             low[i] = 0.0 if _holds_at_rest(A, C, n) else _extreme_x(A, B, C, n, x_max[i], -1, slow)
         if not low[i] <= high[i] or (ds[i] > 0.0 and high[i] == 0.0 and high[i + 1] == 0.0):
