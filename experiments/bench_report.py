@@ -37,8 +37,8 @@ SOLVER_STAGE = """## Solver stage: the same rows
 The rows of `build_problem`, redundant ones removed, without padding; the contenders satisfy them at both ends of every
 interval. Where the path has stops, toppra and copp-py solve piece by piece, and the times are added. Constructing their
 problems is not counted. "passes" is the backward and the forward pass of `reachability`, which give what the contenders
-give; "all" is `solve_reachability`, which also bounds the distance to the optimum and polishes where the forward pass is
-not optimal. Warm; a call shorter than 2 ms is repeated for that long.
+give; "all" is `solve_reachability`, which also bounds the distance to the optimum and polishes where the forward pass
+is not optimal. Warm; a call shorter than 2 ms is repeated for that long.
 """
 
 COLD_START = """## Cold: the first call in a fresh process

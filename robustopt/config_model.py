@@ -390,7 +390,7 @@ class Config(Section):
         default=None, description="execution in simulation; checked, but not read by `plan`"
     )
     learning: LearningConfig | None = Field(default=None, description="learning; checked, but not read by `plan`")
-    gravity: Vector3 = Field(default=(0.0, 0.0, -9.81), description="gravity in the world [m/s^2]")
+    gravity: Point3 = Field(default=(0.0, 0.0, -9.81), description="gravity in the world [m/s^2]")
     seed: int = Field(default=0, ge=0, description="seed of every random number of the run")
     folder: Path = Field(
         default=Path("."), exclude=True, description="folder that relative file names in the configuration refer to"
