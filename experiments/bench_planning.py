@@ -23,6 +23,7 @@ import contenders
 import numpy as np
 from bench_figure import Record
 from bench_report import write_report
+from figure_3 import PAPER_FIGURE_3
 from timing import interleaved, machine_facts, spread
 
 from robustopt.batch import BatchPlanner
@@ -44,9 +45,6 @@ ALL_FIVE = """uncertainty={friction: [0.4, 0.6], joint_acceleration: {deviation:
   center_of_mass: {lower: [0.003, 0.003, 0.01], upper: [0.003, 0.003, 0.01]},
   mass: {lower: [0.45, 0.55], upper: [0.45, 0.55]}}"""
 CASES = {"none": "uncertainty={}", "friction, acceleration": FRICTION_ACCELERATION, "all five": ALL_FIVE}
-
-PAPER_FIGURE_3 = {200: 10.0, 2000: 40.0}
-"""Seconds by N, read off the paper's figure 3: about 10 s, and over 40 s; two blocks, 8 contact points, 2.9 GHz."""
 
 BATCHES: dict[str, dict[str, tuple[float, float]]] = {
     "friction": {"contact.friction": (0.2, 1.0)},
