@@ -106,7 +106,7 @@ def confidence_sentence(learned: Learned) -> str:
 def row_record(learned: Learned, row: Row) -> dict[str, Any]:
     """The record of a row, with what fresh executions say and how likely its failure was bad luck."""
     record: dict[str, Any] = dict(row.record())
-    if row.trial.failures:
+    if row.trial.failures and row.lower_bound is None:
         rate = target_rate(learned.settings)
         record["bad_luck"] = bad_luck(row.trial.successes, row.trial.failures, rate, learned.settings.prior)
     if row.lower_bound is not None and row.gap is not None:

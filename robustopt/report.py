@@ -24,6 +24,9 @@ MOST_LIMITS = 8
 
 PAGE = "report.html"
 
+LONGEST_HEAD = 13
+"""Width of a column in the terminal; a longer head is folded."""
+
 FIGURES = ("learning.svg", "trials.svg", "phase_plane.svg", "contacts.svg", "joints*.svg", "accelerations.svg")
 """Figures of the page in their order; what binds is a table of it already."""
 
@@ -178,7 +181,10 @@ def iterations_table(records: Sequence[Mapping[str, Any]]) -> Table:
     heads, lines = table(records)
     shown = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     for head in heads:
-        shown.add_column(head, justify="left" if head in ("Rslt", "Spdup") else "right", no_wrap=True)
+        long = len(head) > LONGEST_HEAD
+        justify: Any = "left" if head in ("Rslt", "Spdup") else "right"
+        shown.add_column(head, justify=justify, no_wrap=not long, overflow="fold", max_width=LONGEST_HEAD if long else None)
+
     for line in lines:
         shown.add_row(*map(Text, line))
     return shown
