@@ -14,6 +14,9 @@ from robustopt.learning.earned import earned
 from robustopt.learning.learner import End, Result, Row
 from robustopt.store import plain_data
 
+LEARNED, DIVERGED = "learned", "simulation failed"
+"""Statuses of a run with a plan that succeeded, and of one whose every simulation diverged."""
+
 
 def learning_summary(learned: Learned, planned: PlanResult | None, diverged: bool) -> dict[str, Any]:
     """What a run says about what was learned, as plain data.
@@ -25,7 +28,7 @@ def learning_summary(learned: Learned, planned: PlanResult | None, diverged: boo
     known = summary(planned) if planned is not None else {"name": learned.config.name, "duration": None}
     data = known | {
         "kind": "learning",
-        "status": "learned" if best is not None else "simulation failed" if diverged else _ended(end),
+        "status": LEARNED if best is not None else DIVERGED if diverged else _ended(end),
         "message": sentence(learned),
         "learning": {
             "algorithm": learned.learner.name,
