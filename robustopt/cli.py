@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import io
 import os
 import signal
@@ -511,6 +512,7 @@ def main() -> None:
             stream.reconfigure(errors="replace")
     code = run(sys.argv[1:])
     if code == INTERRUPTED:  # at once: what was interrupted inside a library may complain when it is torn down
+        atexit._run_exitfuncs()  # worker processes are ended here
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)

@@ -78,7 +78,7 @@ def _learning(learning: Mapping[str, Any]) -> list[Row]:
     lines = rows({name: learning[name] for name in names})
     return [
         *lines,
-        *rows({"success rate aimed at": learning["target_rate"], "confidence": learning["confidence"] or None}),
+        *rows({"success rate in question": learning["target_rate"], "confidence": learning["confidence"] or None}),
     ]
 
 
@@ -155,6 +155,7 @@ def print_summary(data: Mapping[str, Any], console: Console, place: Path) -> Non
     console.print(Text(str(data["message"])))
     if data.get("learning"):
         console.print(iterations_table(data["learning"]["rows"]))
+        console.print(Text(LEGEND, style="dim"))
     for title, lines in sections(data):
         print_rows(title, lines, console)
     console.print(Text.assemble("Files in ", (str(place), "bold")), soft_wrap=True)

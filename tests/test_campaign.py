@@ -8,7 +8,7 @@ import pytest
 from learning_tasks import ALGORITHMS, THRESHOLD, Threshold, remember_plans, task
 
 from robustopt import beliefs
-from robustopt.beliefs import Planner, believing, described
+from robustopt.beliefs import believing, described
 from robustopt.campaign import Judgement, Learned, learn, replayed
 from robustopt.confidence import clopper_pearson
 from robustopt.config import Config, with_values

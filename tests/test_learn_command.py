@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from learning_tasks import remember_plans, task
 
-from robustopt import cli, executors, learning_run, report
+from robustopt import beliefs, cli, executors, learning_run, report
 from robustopt.config import dump, load_config
 from robustopt.errors import RunFolderError, SolverFailed
 from robustopt.execution import Status
@@ -114,7 +114,9 @@ def test_without_a_configuration_it_is_the_papers_task(run, tmp_path):
 
 
 def test_options_are_short_for_keys(run, tmp_path):
-    code, _, err = run(*LEARN, "--algorithm", "ilrobs", "--K", 0.5, "--seed", 3, "learning.delta=0.3", "--out", "a", "-q")
+    code, _, err = run(
+        *LEARN, "--algorithm", "ilrobs", "--K", 0.5, "--seed", 3, "learning.delta=0.3", "--out", "a", "-q"
+    )
     assert (code, err) == (0, "")
     config = load_config(tmp_path / "a" / "config.yaml")
     assert config.learning is not None
@@ -420,7 +422,10 @@ def test_ctrl_c_in_a_terminal_keeps_what_was_learned(tmp_path, long_run, workers
         (("missing.yaml",), "missing.yaml"),
         (("task.yaml", "learning.algorithm=magic"), "learning.algorithm"),
         (("task.yaml", "--algorithm", "bnb-midpoint"), "learning.algorithm: found bnb-midpoint; expected one of"),
-        (("task.yaml", "learning.friction=[0.5, 0.2]"), "learning.friction: found [0.5, 0.2]; expected 0 <= low"),
+        (
+            ("task.yaml", "learning.friction=[0.5, 0.2]"),
+            "learning.friction: found [0.5, 0.2]; expected the lowest value first",
+        ),
         (("task.yaml", "learning.nonsense=1"), "learning.nonsense"),
         (("task.yaml", "objects={}"), "objects: found no objects; expected at least one"),
         (("task.yaml", "robot.tool=hook"), "robot.tool"),
@@ -449,7 +454,7 @@ def test_an_error_before_anything_is_learned_leaves_nothing_behind(run, tmp_path
     def failing(*_):
         raise SolverFailed("no plan")
 
-    monkeypatch.setattr("robustopt.beliefs.solve", failing)
+    monkeypatch.setattr(beliefs.Planner, "_make", failing)
     assert run("learn", "task.yaml")[0] == 4
     assert [path.name for path in tmp_path.iterdir()] == ["task.yaml"]
     (tmp_path / "mine").mkdir()
