@@ -296,7 +296,7 @@ def test_a_plan_that_fails_its_certificate_ends_everything(monkeypatch):
     certify = beliefs.certify
     monkeypatch.setattr(beliefs, "certify", lambda *arguments: replace(certify(*arguments), passed=False))
     journal, config = Journal.in_memory(), task("ilrobs", friction=[0.0, 0.77])  # which no other test plans
-    with pytest.raises(SolverFailed, match="the plan for friction 0.77 failed its certificate"):
+    with pytest.raises(SolverFailed, match=r"the plan for friction 0\.77 failed its certificate"):
         learn(config, Threshold(), journal=journal)
     assert list(journal.entries()) == []
 
@@ -305,7 +305,7 @@ def test_a_solver_without_an_answer_ends_everything(monkeypatch):
     solve = beliefs.solve
     monkeypatch.setattr(beliefs, "solve", lambda rows: replace(solve(rows), status=Status.FAILED, message="Broken."))
     journal, config = Journal.in_memory(), task("ilrobs", friction=[0.0, 0.78])
-    with pytest.raises(SolverFailed, match="no plan for friction 0.78: Broken"):
+    with pytest.raises(SolverFailed, match=r"no plan for friction 0\.78: Broken"):
         learn(config, Threshold(), journal=journal)
     assert list(journal.entries()) == []
 

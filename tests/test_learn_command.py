@@ -424,7 +424,7 @@ def test_ctrl_c_in_a_terminal_keeps_what_was_learned(tmp_path, long_run, workers
         (("task.yaml", "--algorithm", "bnb-midpoint"), "learning.algorithm: found bnb-midpoint; expected one of"),
         (
             ("task.yaml", "learning.friction=[0.5, 0.2]"),
-            "learning.friction: found [0.5, 0.2]; expected the lowest value first",
+            "expected the lowest value first: [0.2, 0.5]",
         ),
         (("task.yaml", "learning.nonsense=1"), "learning.nonsense"),
         (("task.yaml", "objects={}"), "objects: found no objects; expected at least one"),
