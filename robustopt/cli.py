@@ -8,7 +8,7 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
@@ -512,7 +512,9 @@ def main() -> None:
             stream.reconfigure(errors="replace")
     code = run(sys.argv[1:])
     if code == INTERRUPTED:  # at once: what was interrupted inside a library may complain when it is torn down
-        atexit._run_exitfuncs()  # worker processes are ended here
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+        with suppress(Exception):
+            atexit._run_exitfuncs()  # ends worker processes, which would complain of being left alone
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)

@@ -86,14 +86,15 @@ def resumed(folder: Path, config: Config | None) -> Config:
     """
     if not (folder / JOURNAL).is_file():
         raise RunFolderError(f"{folder}: nothing to resume; expected the folder of a run of `robustopt learn`")
-    stored = load_config(folder / CONFIG)
     try:
         origin = json.loads((folder / PROVENANCE).read_text(encoding="utf-8"))
         text, robot = origin["config_sha256"], origin["robot_model"]["sha256"]
+        edited = hashlib.sha256((folder / CONFIG).read_bytes()).hexdigest() != text
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise RunFolderError(f"{folder / PROVENANCE}: cannot be read: {error}") from None
-    if hashlib.sha256((folder / CONFIG).read_bytes()).hexdigest() != text:
+        raise RunFolderError(f"{folder}: {PROVENANCE} or {CONFIG} cannot be read: {error}") from None
+    if edited:
         raise RunFolderError(f"{folder / CONFIG}: was edited after the run began; expected the file as it was written")
+    stored = load_config(folder / CONFIG)
     if hashlib.sha256(model_file(stored).read_bytes()).hexdigest() != robot:
         raise RunFolderError(f"{folder}: the model file of {stored.robot.model} has changed since the run began")
     if config is not None and dump(config) != dump(stored):

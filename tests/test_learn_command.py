@@ -92,7 +92,7 @@ def test_a_task_is_learned_into_a_whole_run_folder(run, tmp_path):
     page = (folder / "report.html").read_text()
     assert "Iterations" in page
     assert page.count("data:image/svg+xml") >= 4
-    assert "test: learned in" in out
+    assert "test: learned a plan of" in out
     assert "Rslt" in out
     assert "Files in here" in out
 
@@ -271,7 +271,7 @@ def test_a_complete_run_is_shown_and_stays_as_it_is(run, tmp_path):
     for arguments in (("learn",), LEARN):
         code, out, err = run(*arguments, "--resume", "--out", "a")
         assert (code, err) == (0, "")
-        assert "test: learned in" in out
+        assert "test: learned a plan of" in out
     assert {path: path.stat().st_mtime_ns for path in (tmp_path / "a").iterdir()} == before
 
 
@@ -319,8 +319,11 @@ def test_files_that_were_changed_are_refused(run, tmp_path, interrupted):
     origin.write_text(known.replace(json.loads(known)["robot_model"]["sha256"], "0" * 64))
     assert "has changed since the run began" in run("learn", "--resume", "--out", "a")[2]
     origin.write_text("{}")
-    assert "provenance.json: cannot be read" in run("learn", "--resume", "--out", "a")[2]
+    assert "a: provenance.json or config.yaml cannot be read" in run("learn", "--resume", "--out", "a")[2]
     origin.write_text(known)
+    config.unlink()
+    assert "a: provenance.json or config.yaml cannot be read" in run("learn", "--resume", "--out", "a")[2]
+    config.write_text(text)
     assert run("learn", "--resume", "--out", "a", "--no-figures", "-q")[0] == 0
 
 
