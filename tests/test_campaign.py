@@ -314,8 +314,3 @@ def test_a_task_without_objects_has_nothing_to_learn():
     config = with_values(task(), {"objects": {}, "execution": None})
     with pytest.raises(ConfigError, match="expected at least one that friction holds"):
         learn(config, Threshold())
-
-
-def test_every_learner_of_the_configuration_has_its_settings():
-    with pytest.raises(ConfigError, match="expected one of bisection, acceleration_interval, ilrobs"):
-        learn(task("bnb-midpoint"), Threshold())
