@@ -28,7 +28,7 @@ class Problem:
     """A task whose parameters are learned.
 
     path: configuration; overrides: of it; parameters: that are learned; budget: executions; side: plans along each side
-    of the grid of brute force; plans: evaluations of f* that guide a learner
+    of the grid of brute force; executions_per_plan: in a row, for a success; plans: evaluations of f* as a guide
     """
 
     name: str
@@ -37,6 +37,7 @@ class Problem:
     parameters: tuple[Parameter, ...]
     budget: int
     side: int
+    executions_per_plan: int = 1
     plans: int = 1000
 
     def config(self, algorithm: str) -> Config:
@@ -46,7 +47,7 @@ class Problem:
         ]
         learner = {
             "algorithm": algorithm, "parameters": parameters, "budget": self.budget, "delta": 0.02, "gap": 0.005,
-            "plans": self.plans, "judged": "result",
+            "executions_per_plan": self.executions_per_plan, "plans": self.plans, "judged": "result",
         }  # fmt: skip
         return task((*self.overrides, f"learning={json.dumps(learner)}"), self.path)
 
@@ -66,8 +67,9 @@ def runs(problem: Problem, place: Bench) -> dict[str, Learned]:
 
 
 def brute_force(problem: Problem, place: Bench) -> Found:
-    """The fastest plan on the grid that succeeds; each is executed once, from the fastest on."""
-    return fastest(problem.config(LEARNERS[0]), problem.grid, [1.0], 1, f"{problem.name}-grid", place)[0]
+    """The fastest plan on the grid that succeeds as often in a row as the learners ask for."""
+    config, times = problem.config(LEARNERS[0]), problem.executions_per_plan
+    return fastest(config, problem.grid, [1.0], times, f"{problem.name}-grid", place)[0]
 
 
 def columns(problems: Sequence[Problem]) -> tuple[Column, ...]:

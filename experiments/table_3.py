@@ -28,8 +28,9 @@ WAITER = Problem(
         Parameter("contact.friction", 1.0, 0.1),
         Parameter("objects.upper.center_of_mass.2", -0.03, 0.05),
     ),
-    budget=40,
+    budget=80,
     side=17,
+    executions_per_plan=4,
 )
 
 ABOVE = """# Table 3: two parameters of the waiter task
@@ -42,8 +43,10 @@ and {height:g}.
 BELOW = """
 - Beyond the paper: its section 7 learns friction and centre of mass of the waiter task by three algorithms whose
   text we do not have; these three are ours, see [learning](../../docs/learning.md).
+- The tray is pushed by 2 N as in Table 2, so near the boundary luck decides: a plan counts as a success when 4
+  executions in a row succeed, and `bnb-informed` asks for a success rate of 3/4.
 - "lower bound": least duration of what no failure rules out; "gap": of the best plan to it. "fastest on the grid":
-  of {side} x {side} plans over the box, each executed once from the fastest on until one succeeds.
+  of {side} x {side} plans over the box, each executed 4 times from the fastest on until one succeeds.
 - Learned values are proxies: what is not modelled, such as the controller's tracking error, is made up for by less
   friction or a higher centre of mass than the true ones.
 """
