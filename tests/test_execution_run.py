@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -11,16 +12,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from scenes import CONFIGS, waiter
+from scenes import CONFIGS
 
 from robustopt import cli, execution_run
 from robustopt.config import load_config
-from robustopt.execution import Status, execute
-from robustopt.execution.video import HEIGHT, STRIP, WIDTH
+from robustopt.execution import execute
+from robustopt.execution.video import HEIGHT, STRIP, WIDTH, write_film
 from robustopt.execution_run import read_plan
+from robustopt.robot_model import resolve_package
 from robustopt.store import read_summary
 from robustopt.timescaling import solve
 
+SHIPPED = sorted(CONFIGS.glob("*.yaml"))
 WAITER = CONFIGS / "waiter_one_block.yaml"
 QUICK = ("solver.method=reachability", "solver.collocation_points=80", "uncertainty={}", "--no-figures")
 TRUTH = (
@@ -125,6 +128,42 @@ def test_a_video_is_a_film_and_a_strip_of_both_trials(tmp_path, stored):
     assert 2 * apart[0] < apart[-1]
 
 
+def _moving_square() -> list[np.ndarray]:
+    """Twelve frames in which a light square goes from left to right over a dark ground."""
+    frames = np.full((12, 64, 160, 3), 20, dtype=np.uint8)
+    for k, frame in enumerate(frames):
+        frame[16:48, 10 * k : 10 * k + 32] = (230, 120, 40)
+    return list(frames)
+
+
+def test_with_ffmpeg_a_film_is_an_mp4_that_shows_the_frames(tmp_path):
+    ffmpeg = shutil.which("ffmpeg")
+    if ffmpeg is None:
+        pytest.skip("this machine has no ffmpeg")
+    frames = _moving_square()
+    film, strip = write_film(frames, tmp_path)
+    assert (film.name, strip.name) == ("trials.mp4", "trials_strip.png")
+    raw = [ffmpeg, "-loglevel", "error", "-i", str(film), "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    shown = np.frombuffer(subprocess.run(raw, capture_output=True, check=True).stdout, dtype=np.uint8)
+    assert np.abs(shown.reshape(12, 64, 160, 3).astype(float) - frames).mean() < 8.0
+
+
+@pytest.mark.parametrize("ffmpeg", ["absent", "broken"])
+def test_without_an_ffmpeg_that_works_a_film_is_an_animated_webp(tmp_path, monkeypatch, ffmpeg):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    if ffmpeg == "broken":
+        (tmp_path / "ffmpeg").write_text("#!/bin/sh\nexit 1\n")
+        (tmp_path / "ffmpeg").chmod(0o755)
+    frames = _moving_square()
+    film, _ = write_film(frames, tmp_path / "figures")
+    assert sorted(path.name for path in (tmp_path / "figures").iterdir()) == ["trials.webp", "trials_strip.png"]
+    with Image.open(film) as picture:
+        assert picture.n_frames == 12
+        for k in (0, 11):
+            picture.seek(k)
+            assert np.abs(np.asarray(picture.convert("RGB")).astype(float) - frames[k]).mean() < 8.0
+
+
 def test_the_file_has_the_outcomes_number_for_number(run, tmp_path):
     assert run("execute", WAITER, *QUICK, *TRUTH, "--trials", 3, "--out", "here", "--quiet")[0] == 0
     config = load_config(tmp_path / "here" / "config.yaml")
@@ -135,6 +174,19 @@ def test_the_file_has_the_outcomes_number_for_number(run, tmp_path):
         assert float(row["friction_block"]) == outcome.friction["block"]
         assert (row["status"], row["what"]) == (outcome.status.value, outcome.what)
         assert row["t"] == ("" if outcome.success else repr(outcome.time))
+
+
+@pytest.mark.parametrize("file", SHIPPED, ids=[file.stem for file in SHIPPED])
+def test_every_shipped_configuration_executes(run, tmp_path, file):
+    config = load_config(file)
+    if config.robot.model.startswith("package://") and resolve_package(config.robot.model) is None:
+        pytest.skip("needs the optional package example-robot-data: pip install robustopt[robots]")
+    assert config.execution is not None
+    assert any(config.execution.disturbance.force_deviation)
+    small = ("solver.method=reachability", "--no-figures")
+    code, _, err = run("execute", file, *small, "--trials", 2, "--speed", 0.9, "--out", "here", "--quiet")
+    assert (code, err) == (0, "")
+    assert read_summary(tmp_path / "here")["executions"]["statuses"] == {"success": 2}
 
 
 def test_an_infeasible_task_is_not_executed(run, tmp_path):
@@ -234,20 +286,21 @@ def test_a_run_that_was_edited_is_refused(run, tmp_path, stored):
 # What goes wrong ------------------------------------------------------------------------------------------
 
 
-def test_where_every_simulation_diverges_the_exit_code_is_5(run, tmp_path, stored, monkeypatch):
-    from dataclasses import replace
-
-    def diverging(*arguments, **options):
-        executions = execute(*arguments, **options)
-        return replace(executions, outcomes=tuple(replace(o, status=Status.DIVERGED) for o in executions.outcomes))
-
-    monkeypatch.setattr(execution_run, "execute", diverging)
-    code, _, err = run("execute", stored, "--trials", 2, "--out", "d", "--quiet")
-    assert code == 5
-    assert "simulation failed: 0 of 2 trials succeeded" in err
-    summary = read_summary(tmp_path / "d")
+def test_where_every_simulation_diverges_the_exit_code_is_5(run, tmp_path, stored):
+    """A force of 1e12 N on the tray, which MuJoCo answers with a warning and numbers that mean nothing."""
+    force = "execution.disturbance.force_deviation=[1e12, 0, 0]"
+    code, out, err = run("execute", stored, force, "--trials", 3, "--out", "d", "--no-figures")
+    assert (code, err) == (5, "")
+    assert "0 of 3 trials succeeded" in " ".join(out.split())
+    assert "Of the others: 3 simulation diverged." in " ".join(out.split())
+    assert "waiter-one-block: simulation failed; plan of" in out
+    summary, rows = read_summary(tmp_path / "d"), table(tmp_path / "d" / "executions.csv")
     assert (summary["status"], summary["success_rate"]) == ("simulation failed", 0.0)
-    assert summary["executions"]["statuses"] == {"simulation diverged": 2}
+    assert summary["executions"]["statuses"] == {"simulation diverged": 3}
+    assert summary["executions"]["feedback"] is summary["executions"]["first_failure"] is None
+    assert {(row["status"], row["t"], row["slip_block"]) for row in rows} == {("simulation diverged", "", "")}
+    assert {path.name for path in tmp_path.iterdir()} == {"d"}
+    assert run("execute", stored, force, "--trials", 3, "--out", "q", "--quiet")[0] == 5
 
 
 def test_a_full_disk_leaves_nothing(run, tmp_path, stored, monkeypatch):
@@ -318,4 +371,3 @@ def test_ctrl_c_keeps_what_was_done(tmp_path, stored, workers):
 
 def test_help_names_the_command(run):
     assert "execute" in run("--help")[1]
-    assert waiter("one_block").execution is None

@@ -5,9 +5,10 @@ A chunk is reduced to its outcomes before the next one starts, so memory does no
 
 from __future__ import annotations
 
+import gc
 import os
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from robustopt.config_model import Config, ExecutionConfig
 from robustopt.errors import ConfigError, SimulationFailed
 from robustopt.execution.controller import Gains, Reference, computed_torque, controls
 from robustopt.execution.disturbance import CALIBRATION, FORCE, WORLD, calibration, forces, generator
-from robustopt.execution.feedback import acceleration_error, moments
+from robustopt.execution.feedback import with_errors
 from robustopt.execution.outcome import TrialOutcome, judge
 from robustopt.execution.scene import Layout, SceneBuilder
 from robustopt.execution.simulation import Record, Workspace, simulate
@@ -89,21 +90,12 @@ def simulate_trials(job: Job, trials: Sequence[int], threads: int, workspace: Wo
 def outcome_of(job: Job, prepared: Prepared, record: Record, i: int) -> TrialOutcome:
     """The outcome of the trial with index i of a chunk."""
     layout, robot, planned = prepared.layout, prepared.builder.robot, job.planned
-    diverged = bool(record.diverged[i])
     outcome = judge(
         prepared.trials[i], prepared.worlds[i], job.execution.failure, planned, layout.interfaces, robot.joint_names,
         robot.limits.torque, np.abs(joint_positions(record, layout, i) - planned.q - prepared.offsets[i]).max(),
-        record.torque[i][:, layout.dofs], record.sensors[i], diverged,
+        record.torque[i][:, layout.dofs], record.sensors[i], bool(record.diverged[i]),
     )  # fmt: skip
-    if diverged or not planned.moving.any():
-        return outcome
-    filtered, raw = acceleration_error(joint_velocities(record, layout, i), planned, job.execution.timestep)
-    mean, square = moments(filtered[planned.moving])
-    raw_mean, raw_square = moments(raw[planned.moving])
-    return replace(
-        outcome, error_steps=int(planned.moving.sum()), error_mean=mean, error_square=square,
-        error_unfiltered_mean=raw_mean, error_unfiltered_square=raw_square,
-    )  # fmt: skip
+    return with_errors(outcome, joint_velocities(record, layout, i), planned, job.execution.timestep)
 
 
 def joint_positions(record: Record, layout: Layout, i: int) -> Array:
@@ -158,11 +150,12 @@ def run_all(
             if progress is not None:
                 progress(len(outcomes), len(trials), sum(outcome.success for outcome in outcomes))
     except KeyboardInterrupt:
+        results.close()
         return outcomes, False
     return outcomes, True
 
 
-def _here(job: Job, chunks: Sequence[Sequence[int]], threads: int) -> Iterator[list[TrialOutcome]]:
+def _here(job: Job, chunks: Sequence[Sequence[int]], threads: int) -> Generator[list[TrialOutcome], None, None]:
     workspace = Workspace()
     for chunk in chunks:
         yield run_trials(job, chunk, threads, workspace)
@@ -170,7 +163,7 @@ def _here(job: Job, chunks: Sequence[Sequence[int]], threads: int) -> Iterator[l
 
 def _in_processes(
     job: Job, chunks: Sequence[Sequence[int]], processes: int, threads: int
-) -> Iterator[list[TrialOutcome]]:
+) -> Generator[list[TrialOutcome], None, None]:
     """Chunks in their order; those of a worker that died are run again by new workers."""
     from joblib import Parallel, delayed
     from joblib.externals.loky.process_executor import TerminatedWorkerError
@@ -189,9 +182,20 @@ def _in_processes(
                     f"Worker processes died {attempt + 1} times, for instance because the memory ran out; "
                     f"{done} of {len(chunks)} chunks of trials were done. Fewer workers need less memory."
                 ) from error
+        except (GeneratorExit, KeyboardInterrupt):
+            _end_processes()
+            raise
 
 
-def _on_cluster(job: Job, chunks: Sequence[Sequence[int]], scheduler: str) -> Iterator[list[TrialOutcome]]:
+def _end_processes() -> None:
+    """End the worker processes of joblib and free their locks, which would else be reported as leaks at the exit."""
+    from joblib.externals.loky import get_reusable_executor
+
+    get_reusable_executor(reuse=True).shutdown(wait=True, kill_workers=True)
+    gc.collect()
+
+
+def _on_cluster(job: Job, chunks: Sequence[Sequence[int]], scheduler: str) -> Generator[list[TrialOutcome], None, None]:
     """Chunks in their order, run by a Dask cluster, one thread each; Dask gives those of a lost worker to another."""
     from joblib import Parallel, delayed, parallel_config
 

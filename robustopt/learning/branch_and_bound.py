@@ -197,10 +197,10 @@ class BranchAndBound(Learner[BranchState]):
         """The point of the undecided box that is most worth a test; None without a box.
 
         From the unit cube down, every box is contracted to what is undecided in it, dropped where its optimistic corner
-        costs `cut` or more by the interpolated f* or no side is over `delta`, and split in 2^k at its point where that is decided already. The
-        point is the middle of the box, or of what is undecided of its diagonal, as long as that is more than `FRACTION`
-        of it. The worth of a box is its volume times log(cut / f* of its optimistic corner). Parts are never worth more
-        than the whole, so boxes of less worth than the best point found need no look.
+        costs `cut` or more by the interpolated f* or no side is over `delta`, and split in 2^k at its point where that
+        is decided already. The point is the middle of the box, or of what is undecided of its diagonal, as long as that
+        is more than `FRACTION` of it. The worth of a box is its volume times log(cut / f* of its optimistic corner).
+        Parts are never worth more than the whole, so boxes of less worth than the best point found need no look.
         """
         best, point = 0.0, None
         low, high, worth = self._useful(known, cut, np.zeros((1, self.k)), np.ones((1, self.k)))
