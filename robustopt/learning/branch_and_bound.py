@@ -182,8 +182,9 @@ class BranchAndBound(Learner[BranchState]):
 
     @cached_property
     def _conservative(self) -> float:
-        """f* of b [s]."""
-        return float(self.map.exact(np.ones((1, self.k)))[0])
+        """f* of b [s]; where b has no plan, against condition 3, the longest duration of the grid."""
+        duration = float(self.map.exact(np.ones((1, self.k)))[0])
+        return duration if np.isfinite(duration) else self.map.longest()
 
     def _testing(self, state: BranchState, point: Point) -> BranchState:
         keys = [parameter.key for parameter in self.parameters]
