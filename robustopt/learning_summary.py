@@ -109,6 +109,8 @@ def row_record(learned: Learned, row: Row) -> dict[str, Any]:
     if row.trial.failures:
         rate = target_rate(learned.settings)
         record["bad_luck"] = bad_luck(row.trial.successes, row.trial.failures, rate, learned.settings.prior)
+    if row.lower_bound is not None and row.gap is not None:
+        record["incumbent"] = row.lower_bound * (1 + row.gap)
     judgement = learned.judgement(row)
     if judgement is not None:
         record |= _judged(judgement, learned.settings.confidence)

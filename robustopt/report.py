@@ -178,8 +178,7 @@ def iterations_table(records: Sequence[Mapping[str, Any]]) -> Table:
     heads, lines = table(records)
     shown = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     for head in heads:
-        left = head in ("parameters", "Rslt", "Spdup")
-        shown.add_column(head, justify="left" if left else "right", no_wrap=head != "parameters")
+        shown.add_column(head, justify="left" if head in ("Rslt", "Spdup") else "right", no_wrap=True)
     for line in lines:
         shown.add_row(*map(Text, line))
     return shown

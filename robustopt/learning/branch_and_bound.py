@@ -45,6 +45,9 @@ class BranchAndBound(Learner[BranchState]):
     executed. An incumbent is only what was executed: where nothing else succeeded when the search ends, or when the
     budget leaves one more test, b is tested. If b fails, condition 3 does not hold and no plan is known to succeed.
 
+    A plan is worth a test where it is faster than the incumbent by half of `gap`: with less room between the tests and
+    the bound to be proven, no number of failures would prove it.
+
     It ends when the gap is at most `gap`, when no undecided box has a side over `delta`, or when the budget leaves no
     further test. A belief that turns out to have no plan rules out all that is more conservative, and counts as one of
     the budget.
@@ -161,7 +164,7 @@ class BranchAndBound(Learner[BranchState]):
         untested = incumbent is None and conservative not in state.points
         if untested and left < 2 * self._room:
             return self._testing(state, conservative)
-        cut = self._to_beat(incumbent) / (1 + self.gap)
+        cut = self._to_beat(incumbent) / (1 + self.gap / 2)
         proven = (self._conservative if incumbent is None else incumbent) <= bound * (1 + self.gap)
         point = None if proven else self._propose(state, self.knowledge(state), cut)
         if point is not None:

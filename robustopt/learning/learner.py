@@ -28,8 +28,8 @@ from robustopt.learning.moments import ErrorInterval, Moments, Values
 class Belief:
     """What a plan is made with in place of what the configuration says; None leaves that as it is.
 
-    friction: coefficient of friction of all interfaces; error: interval of joint acceleration error; parameters: values
-    by key of the configuration
+    friction: coefficient of friction of all learned interfaces; error: interval of joint acceleration error;
+    parameters: other values by their keys in the configuration, such as ("contact.friction.upper", 0.31)
     """
 
     friction: float | None = None
