@@ -179,6 +179,8 @@ class _Campaign:
             return
         known = self.journal.judgements(i)
         missing = [JUDGED + k for k in range(total) if JUDGED + k not in known]
+        if not missing:
+            return
         for start in range(0, len(missing), CHUNK):
             numbers = missing[start : start + CHUNK]
             self.journal.add_judgements(i, self.executor.run(self.planner.plan(row.trial.belief), numbers, 1.0))
