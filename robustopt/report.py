@@ -187,7 +187,9 @@ def iterations_table(records: Sequence[Mapping[str, Any]]) -> Table:
     for head in heads:
         long = len(head) > LONGEST_HEAD
         justify: Any = "left" if head in ("Rslt", "Spdup") else "right"
-        shown.add_column(head, justify=justify, no_wrap=not long, overflow="fold", max_width=LONGEST_HEAD if long else None)
+        shown.add_column(
+            head, justify=justify, no_wrap=not long, overflow="fold", max_width=LONGEST_HEAD if long else None
+        )
 
     for line in lines:
         shown.add_row(*map(Text, line))
