@@ -68,8 +68,27 @@ def ball(random: np.random.Generator, k: int) -> Margin:
     return lambda points: radius - (np.maximum(1 - points, 0) ** power @ weights) ** (1 / power)
 
 
-TUNING = (orthant, half_space, product)
-HELD_OUT = (staircase, two_planes, ball)
+def both(random: np.random.Generator, k: int) -> Margin:
+    """Every parameter must reach a threshold of its own, and a weighted mean another one."""
+    sides = [orthant(random, k), half_space(random, k)]
+    return lambda points: np.minimum(sides[0](points) + 0.15, sides[1](points))
+
+
+def either(random: np.random.Generator, k: int) -> Margin:
+    """Thresholds of all parameters, or one of a weighted mean: the feasible region is not convex."""
+    sides = [orthant(random, k), half_space(random, k)]
+    return lambda points: np.maximum(sides[0](points), sides[1](points) - 0.1)
+
+
+def saturating(random: np.random.Generator, k: int) -> Margin:
+    """A weighted mean of S-shaped terms: each parameter helps most near its threshold, then hardly."""
+    threshold, weights = random.uniform(0.15, 0.85, k), random.dirichlet(3 * np.ones(k))
+    width, least = random.uniform(0.1, 0.3, k), random.uniform(0.4, 0.7)
+    return lambda points: 0.5 * ((1 / (1 + np.exp((threshold - points) / width))) @ weights - least)
+
+
+TUNING = (orthant, half_space, product, staircase, two_planes, ball)
+HELD_OUT = (both, either, saturating)
 
 
 @dataclass(frozen=True)
@@ -141,7 +160,7 @@ def problem(
             weights=random.dirichlet(2 * np.ones(k)),
             floor=random.uniform(0.05, 0.2, k),
             exponent=random.uniform(0.3, 0.7, k),
-            power=1.0 if shapes is TUNING else float(random.choice([1.0, 4.0])),
+            power=float(random.choice([1.0, 4.0] if shapes is TUNING else [1.0, 2.0, 8.0])),
             noise=noise,
             rate=rate,
             name=shape.__name__,

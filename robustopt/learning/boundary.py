@@ -1,13 +1,15 @@
 """Where the boundary of success may lie: a Bayesian model of monotone success, as a cloud of samples (ours).
 
-A sample is a margin over the unit cube that grows with every parameter,
+A sample is a margin over the unit cube that grows with every parameter, up to small bends h,
 
-    m(theta) = (sum_j w_j theta_j^(r_j p))^(1/p) - c,
+    m(theta) = (sum_j w_j theta_j^(r_j p))^(1/p) - c + h(theta),
 
 a power mean of warped parameters: p far below 0 is the minimum, every parameter must reach its own threshold; p = 1
-lets them make up for each other; p large is the maximum. An execution succeeds with probability Phi(m / sigma), up to
-`LAPSE` for what no margin explains, such as a success below a failure. In a world without noise sigma is the misfit of
-the family, in a noisy world it is a part of the sample.
+lets them make up for each other; p large is the maximum. The bends, waves with random weights that are nearly a
+Gaussian process, stand for what the family misses: neighbours share them, so many failures in one place do not count
+as independent evidence against the whole of a sample. An execution succeeds with probability Phi(m / sigma), up to
+`LAPSE` for what no margin explains, such as a success below a failure. In a world without noise sigma is a small
+misfit that is left, in a noisy world it is a part of the sample.
 
 Samples are the states of a sequential Monte Carlo sampler: each execution weighs them by its likelihood, and moves that
 leave the posterior as it is (Metropolis, with proposals from differences of samples, and from the prior) spread them
@@ -31,8 +33,17 @@ SAMPLES = 256
 MOVES = 10
 """Of every sample after each execution."""
 
-MISFIT = 0.03
+MISFIT = 0.01
 """sigma in a world without noise, in units of the cube."""
+
+BEND = 0.04
+"""Deviation of the bends, in units of the cube."""
+
+SPAN = 0.3
+"""Length over which the bends change, in units of the cube."""
+
+BENDS = 16
+"""Waves that make up the bends."""
 
 NOISE = 0.06
 """Median of sigma in a noisy world, within a factor of 2 or so, in units of the cube."""
@@ -49,21 +60,21 @@ POWERS = (-25.0, 8.0)
 
 @dataclass(frozen=True)
 class Cloud:
-    """z: samples (M, 2 k + 3), standard normal a priori: warps, weights, exponent, level, noise."""
+    """z: samples (M, 2 k + 3 + BENDS), standard normal a priori: warps, weights, exponent, level, noise, bends."""
 
     z: Array
     noisy: bool
 
     @property
     def k(self) -> int:
-        return (self.z.shape[1] - 3) // 2
+        return (self.z.shape[1] - 3 - BENDS) // 2
 
     @property
     def sigma(self) -> Array:
         """Noise of each sample, (M, 1), in units of the cube."""
         if not self.noisy:
             return np.full((len(self.z), 1), MISFIT)
-        return NOISE * np.exp(0.7 * self.z[:, -1:])
+        return NOISE * np.exp(0.7 * self.z[:, 2 * self.k + 2, None])
 
     def thinned(self) -> Cloud:
         """Every fourth sample: enough for a first look at many points."""
@@ -81,7 +92,7 @@ class Cloud:
         terms = [power * warp[:, j, None] * logs[j] + np.log(weights[:, j, None]) for j in range(k)]
         most = np.max(terms, axis=0)
         total = most + np.log(sum(np.exp(term - most) for term in terms))
-        return np.exp(total / power) - level
+        return np.exp(total / power) - level + BEND * z[:, 2 * k + 3 :] @ _waves(points).T
 
     def chances(self, margin: Array) -> Array:
         """Probability of success at a margin, by every sample, (M, m) -> (M, m)."""
@@ -91,6 +102,14 @@ class Cloud:
         """Log probability of outcomes (m,) at points (m, k) by every sample -> (M,)."""
         margin = self.margin(points)
         return np.log(self.chances(np.where(outcomes, margin, -margin))).sum(axis=1)
+
+
+def _waves(points: Array) -> Array:
+    """The waves at points (m, k), whose sum with normal weights is nearly a Gaussian process, (m, BENDS)."""
+    k = points.shape[1]
+    random = np.random.default_rng([k, 1])
+    frequency, phase = random.normal(0, 1 / SPAN, (k, BENDS)), random.uniform(0, 2 * np.pi, BENDS)
+    return np.sqrt(2 / BENDS) * np.cos(points @ frequency + phase)
 
 
 def _power(z: Array) -> Array:
@@ -115,7 +134,7 @@ def cloud(k: int, noisy: bool, points: Sequence[Point], outcomes: Sequence[bool]
 
     known = next((n for n in range(len(points), -1, -1) if key(n) in _CLOUDS), None)
     if known is None:
-        _CLOUDS[key(0)] = Cloud(np.random.default_rng([k, 0]).normal(size=(SAMPLES, 2 * k + 3)), noisy)
+        _CLOUDS[key(0)] = Cloud(np.random.default_rng([k, 0]).normal(size=(SAMPLES, 2 * k + 3 + BENDS)), noisy)
         known = 0
     found = _CLOUDS[key(known)]
     for n in range(known + 1, len(points) + 1):

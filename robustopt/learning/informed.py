@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import NormalDist
 from typing import ClassVar
 
 import numpy as np
+from scipy.special import betaincc
 
 from robustopt.learning.boundary import Cloud, cloud
 from robustopt.learning.branch_and_bound import BranchAndBound, BranchState
@@ -20,11 +21,17 @@ CANDIDATES = 2000
 FINALISTS = 250
 """Candidates whose gain is looked two executions ahead."""
 
-DOUBT = 0.1
+DOUBT = 0.03
 """Weight of the chance by distances beside that of the model, which may be wrong."""
 
-TRUST = 0.6
-"""Posterior chance that a plan meets the rate with which it may be the incumbent in a noisy world."""
+PROBES = (0.5, 0.8)
+"""Chances of meeting the rate with which plans are executed in a noisy world, in turn."""
+
+TRUST = 0.8
+"""Chance of meeting the rate with which a plan may be the incumbent in a noisy world."""
+
+PLAIN = 0.3
+"""Weight of the chance by monotony alone beside that of the model, in a noisy world."""
 
 SUSPICION = 0.05
 """In a noisy world a point is ruled out where the posterior chance that it meets the rate is under it."""
@@ -44,14 +51,11 @@ class Informed(BranchAndBound):
     In one dimension every boundary is a threshold, and the middle of what is undecided is tested.
 
     **Noisy world** (`executions_per_plan` N over 1). Success means a rate of at least 1 - 1/N, about Phi(K) for
-    N = N_e(K). Every execution is a trial of its own and moves the posterior; with M(d), "d meets the rate", and B the
-    cost of b,
-
-        value(c) = max_d P(success at c, M(d)) (B - f(d)) + max_d P(failure at c, M(d)) (B - f(d)),
-
-    the expected saving of the best choice after the execution. The incumbent is the cheapest success of which P(M) is
-    at least `TRUST`, so it changes when later failures make it doubtful. A point is ruled out where P(M) is under
-    `SUSPICION`: the lower bound then holds by the model, not for certain.
+    N = N_e(K). Every execution is a trial of its own and moves the posterior. The chance that a point meets the rate is
+    that of the model, mixed with that of `_chance_by_monotony`, which knows no model. The cheapest point with a chance
+    of at least that of `PROBES` is executed, be it a new one or once more; the incumbent is the cheapest success with a chance
+    of at least `TRUST`, so it changes when later failures make it doubtful. A point is ruled out where the chance by
+    the model is under `SUSPICION`: the lower bound then holds by the model, not for certain.
     """
 
     name: ClassVar[str] = "bnb-informed"
@@ -94,6 +98,11 @@ class Informed(BranchAndBound):
         """Posterior chance that points (m, k) meet what is asked for, (m,)."""
         return np.mean(self.meets(model, model.margin(points)), axis=0)
 
+    def _confidence(self, state: BranchState, points: Array) -> Array:
+        """Chance that points (m, k) meet the rate in a noisy world, by the model and by monotony alone, (m,)."""
+        plain = _chance_by_monotony(self.knowledge(state), points, self.rate)
+        return (1 - PLAIN) * self._chance(self.posterior(state), points) + PLAIN * plain
+
     def _incumbent_index(self, state: BranchState) -> int | None:
         if not self.noisy:
             return super()._incumbent_index(state)
@@ -101,7 +110,7 @@ class Informed(BranchAndBound):
         if not succeeded:
             return None
         points = np.array([state.points[i] for i in succeeded])
-        trusted = self._chance(self.posterior(state), points) >= TRUST
+        trusted = self._confidence(state, points) >= TRUST
         costs = np.where(trusted, self.map.exact(points), np.inf)
         return succeeded[int(np.argmin(costs))] if trusted.any() else None
 
@@ -118,8 +127,10 @@ class Informed(BranchAndBound):
     # The next execution -----------------------------------------------------------------------------------
 
     def _propose(self, state: BranchState, known: Knowledge, cut: float) -> Point | None:
-        widest = None if self.noisy else self._widest(known, cut)
-        if not self.noisy and (widest is None or self.k == 1):
+        if self.noisy:
+            return self._probe(state, known, cut)
+        widest = self._widest(known, cut)
+        if widest is None or self.k == 1:
             return widest
         points = self._candidates(state, known, cut)
         if len(points):
@@ -131,6 +142,17 @@ class Informed(BranchAndBound):
                 if self.map.exact(points[[index]])[0] < cut:
                     return tuple(points[index].tolist())
         return widest
+
+    def _probe(self, state: BranchState, known: Knowledge, cut: float) -> Point | None:
+        """The cheapest candidate that is likely enough to meet the rate; without one, the likeliest."""
+        points = np.vstack([self._candidates(state, known, cut), known.successes, known.failures])
+        confidence, costs = self._confidence(state, points), self.map.guide(points)
+        likely = confidence >= PROBES[len(state.rows) % len(PROBES)]
+        order = np.lexsort((np.where(likely, costs, -confidence), ~likely))
+        for index in order[:ATTEMPTS]:
+            if self.map.exact(points[[index]])[0] < cut:
+                return tuple(points[index].tolist())
+        return None
 
     def _candidates(self, state: BranchState, known: Knowledge, cut: float) -> Array:
         """Points (m, k) under the cost, undecided where there is no noise: over the cube and near what succeeded."""
@@ -145,16 +167,14 @@ class Informed(BranchAndBound):
                 sets.append(np.clip(moved, 0, 1))
             sets.append(point * random.random((CANDIDATES // 6, self.k)) ** 0.3)
         points = np.vstack(sets)
-        points = points[self.map.guide(points) < cut]
-        return points if self.noisy else points[known.undecided(points)]
+        if self.noisy:
+            known = replace(known, successes=known.successes[:0], failures=known.failures[:0])
+        return points[(self.map.guide(points) < cut) & known.undecided(points)]
 
     def _value(self, model: Cloud, known: Knowledge, points: Array, costs: Array, cut: float) -> Array:
         """Expected gain of testing each candidate and then the best of what follows, (m,) [s]."""
         margin = model.margin(points)
         meets = self.meets(model, margin).astype(float)
-        if self.noisy:
-            both = model.chances(margin).T @ meets / len(meets)
-            return np.max(both * (cut - costs), axis=1) + np.max((meets.mean(axis=0) - both) * (cut - costs), axis=1)
         both, chance = meets.T @ meets / len(meets), meets.mean(axis=0)
         after_success = np.max(both * np.maximum(costs[:, None] - costs, 0), axis=1)
         after_failure = np.max((chance - both) * (cut - costs), axis=1)
@@ -176,3 +196,14 @@ def _chance_by_distance(known: Knowledge, points: Array) -> Array:
     up = np.min([np.linalg.norm(np.maximum(points - failure, 0), axis=1) for failure in failures], axis=0)
     down = np.min([np.linalg.norm(np.maximum(success - points, 0), axis=1) for success in successes], axis=0)
     return up / (up + down + 1e-12)
+
+
+def _chance_by_monotony(known: Knowledge, points: Array, rate: float) -> Array:
+    """Chance of meeting a rate by a beta posterior of each point alone, (m,); its prior has that rate and weight 2.
+
+    A success at a point that is more optimistic counts for a point, a failure at one that is more conservative against
+    it: by monotony, the chance of these outcomes is at most, or at least, its own.
+    """
+    for_it = np.all(known.successes[None] <= points[:, None], axis=2).sum(axis=1)
+    against = np.all(known.failures[None] >= points[:, None], axis=2).sum(axis=1)
+    return np.asarray(betaincc(2 * rate + for_it, 2 * (1 - rate) + against, rate))
