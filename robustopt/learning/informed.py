@@ -98,10 +98,10 @@ class Informed(BranchAndBound):
         """Posterior chance that points (m, k) meet what is asked for, (m,)."""
         return np.mean(self.meets(model, model.margin(points)), axis=0)
 
-    def _confidence(self, state: BranchState, points: Array) -> Array:
+    def _confidence(self, state: BranchState, model: Cloud, points: Array) -> Array:
         """Chance that points (m, k) meet the rate in a noisy world, by the model and by monotony alone, (m,)."""
         plain = _chance_by_monotony(self.knowledge(state), points, self.rate)
-        return (1 - PLAIN) * self._chance(self.posterior(state), points) + PLAIN * plain
+        return (1 - PLAIN) * self._chance(model, points) + PLAIN * plain
 
     def _incumbent_index(self, state: BranchState) -> int | None:
         if not self.noisy:
@@ -110,7 +110,7 @@ class Informed(BranchAndBound):
         if not succeeded:
             return None
         points = np.array([state.points[i] for i in succeeded])
-        trusted = self._confidence(state, points) >= TRUST
+        trusted = self._confidence(state, self.posterior(state), points) >= TRUST
         costs = np.where(trusted, self.map.exact(points), np.inf)
         return succeeded[int(np.argmin(costs))] if trusted.any() else None
 
@@ -146,12 +146,19 @@ class Informed(BranchAndBound):
     def _probe(self, state: BranchState, known: Knowledge, cut: float) -> Point | None:
         """The cheapest candidate that is likely enough to meet the rate; without one, the likeliest."""
         points = np.vstack([self._candidates(state, known, cut), known.successes, known.failures])
-        confidence, costs = self._confidence(state, points), self.map.guide(points)
-        likely = confidence >= PROBES[len(state.rows) % len(PROBES)]
-        order = np.lexsort((np.where(likely, costs, -confidence), ~likely))
-        for index in order[:ATTEMPTS]:
-            if self.map.exact(points[[index]])[0] < cut:
-                return tuple(points[index].tolist())
+        points = points[np.argsort(self.map.guide(points), kind="stable")]
+        least = PROBES[len(state.rows) % len(PROBES)]
+        model = self.posterior(state)
+        rough = self._confidence(state, model.thinned(), points)
+        hopeful = points[rough >= least - ROUGH]
+        for first in range(0, len(hopeful), TOGETHER):
+            some = hopeful[first : first + TOGETHER]
+            for point in some[self._confidence(state, model, some) >= least]:
+                if self.map.exact(point[None])[0] < cut:
+                    return tuple(point.tolist())
+        for point in points[np.argsort(-rough, kind="stable")][:ATTEMPTS]:
+            if self.map.exact(point[None])[0] < cut:
+                return tuple(point.tolist())
         return None
 
     def _candidates(self, state: BranchState, known: Knowledge, cut: float) -> Array:
@@ -182,6 +189,12 @@ class Informed(BranchAndBound):
         return chance * (cut - costs) + after_success + after_failure
 
 
+ROUGH = 0.2
+"""What the chance by a part of the samples may lack of that by all of them, for a candidate to be looked at again."""
+
+TOGETHER = 64
+"""Candidates that are looked at together."""
+
 ATTEMPTS = 20
 """Best candidates of which one must cost little enough by f* itself, not only by its interpolation."""
 
@@ -206,4 +219,5 @@ def _chance_by_monotony(known: Knowledge, points: Array, rate: float) -> Array:
     """
     for_it = np.all(known.successes[None] <= points[:, None], axis=2).sum(axis=1)
     against = np.all(known.failures[None] >= points[:, None], axis=2).sum(axis=1)
-    return np.asarray(betaincc(2 * rate + for_it, 2 * (1 - rate) + against, rate))
+    (for_it, against), which = np.unique([for_it, against], axis=1, return_inverse=True)
+    return np.asarray(betaincc(2 * rate + for_it, 2 * (1 - rate) + against, rate))[which]
