@@ -53,9 +53,9 @@ class Informed(BranchAndBound):
     **Noisy world** (`executions_per_plan` N over 1). Success means a rate of at least 1 - 1/N, about Phi(K) for
     N = N_e(K). Every execution is a trial of its own and moves the posterior. The chance that a point meets the rate is
     that of the model, mixed with that of `_chance_by_monotony`, which knows no model. The cheapest point with a chance
-    of at least that of `PROBES` is executed, be it a new one or once more; the incumbent is the cheapest success with a chance
-    of at least `TRUST`, so it changes when later failures make it doubtful. A point is ruled out where the chance by
-    the model is under `SUSPICION`: the lower bound then holds by the model, not for certain.
+    of at least that of `PROBES` is executed, be it new or not; the incumbent is the cheapest success with a chance of
+    at least `TRUST`, so it changes when later failures make it doubtful. A point is ruled out where the chance by the
+    model is under `SUSPICION`: the lower bound then holds by the model, not for certain.
     """
 
     name: ClassVar[str] = "bnb-informed"
