@@ -1,16 +1,19 @@
 """The learners of several parameters: sound bounds, Alg. 1 in one dimension, contradictions, noise, slow plans."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from monotone_problems import HELD_OUT, TUNING, problem
+from scipy.stats import beta
 from synthetic_worlds import World, run
 
 from robustopt.learning.bisection import Bisection
 from robustopt.learning.boundary import cloud
 from robustopt.learning.branch_and_bound import Diagonal, Midpoint
-from robustopt.learning.informed import Informed
+from robustopt.learning.informed import TRUST, Informed, _chance_by_monotony
 from robustopt.learning.learner import End, Executed, Planned, Result
 from robustopt.learning.monotone import Knowledge
 from robustopt.learning.parameters import CostMap, Parameter
@@ -219,6 +222,41 @@ def test_a_verdict_takes_executions_in_a_row(make):
     for row in state.rows:
         assert row.trial.successes == 7 if row.result is Result.SUCCESS else row.trial.failures == 1
     assert state.executed <= 60
+
+
+def noisy_informed(seed, budget):
+    task = problem(2, seed, TUNING, noise=0.05, rate=0.84)
+    learner = Informed(parameters=unit(2), cost=task.cost, executions_per_plan=7, budget=budget)
+    numbers = iter(range(1000))
+    return task, learner, solve(learner, lambda point: task.execute(point, seed, next(numbers)))
+
+
+def test_the_incumbent_of_a_noisy_world_was_executed_and_is_trusted():
+    task, learner, state = noisy_informed(0, 30)
+    best = learner.best(state)
+    assert best.result is Result.SUCCESS
+    assert learner.incumbent(state) < 1.2 * task.optimum < task.cost(np.ones((1, 2)))[0]
+    trusted = learner._confidence(state, learner.posterior(state), point_of(best)[None])
+    assert trusted[0] >= TRUST
+
+
+def test_failures_make_an_incumbent_doubtful():
+    _, learner, state = noisy_informed(0, 20)
+    before = learner.incumbent(state)
+    state = replace(learner, budget=40)._next(replace(state, end=None), learner.lower_bound(state), before)
+    while (request := learner.ask(state)) is not None and state.executed < 32:
+        state = learner.tell(state, Executed(False) if request.executions else Planned(1.0))
+    after = learner.incumbent(state)
+    assert after is None or after > before
+
+
+@given(successes=POINTS, failures=POINTS, share=st.tuples(*[st.floats(0, 1)] * 3))
+def test_the_chance_by_monotony_counts_what_is_comparable(successes, failures, share):
+    known, point = Knowledge.of(3, successes, failures, []), np.array([share])
+    below = sum(all(np.array(other) <= share) for other in successes)
+    above = sum(all(np.array(other) >= share) for other in failures)
+    expected = beta.sf(0.8, 1.6 + below, 0.4 + above)
+    assert _chance_by_monotony(known, point, 0.8) == pytest.approx([expected], rel=1e-6, abs=1e-12)
 
 
 def test_the_posterior_finds_the_boundary_and_its_noise():
