@@ -39,8 +39,8 @@ CLOSE = 0.05
 LENIENT = 0.1
 """An incumbent of a true success rate this much under the one asked for still counts; below, b is what one has."""
 
-FEW = {"optuna TPE": 10, "optuna GP": 5}
-"""Most seeds of methods that take long to propose, so that all runs take about 20 minutes on two cores."""
+FEW = {"optuna GP": 10}
+"""Most seeds of methods that take long to propose."""
 
 K = 1.0
 """Of the noisy world: N_e(K) executions in a row, success rate Phi(K)."""

@@ -40,11 +40,13 @@ CASES = {
     "ilrobs-calibrated, from a belief": Calibrated(
         rate=0.6, K_values=(0.0,), resolution=0.05, first=Belief(0.2, ErrorInterval((0.1, 0.0), (0.2, 0.1), 1.0))
     ),
-    "bnb-midpoint": Midpoint(parameters=(UPPER, LOWER), cost=cost),
+    "bnb-midpoint": Midpoint(parameters=(UPPER, LOWER), cost=cost, budget=15),
     "bnb-midpoint, one parameter": Midpoint(parameters=(LOWER,), cost=cost),
     "bnb-midpoint, three in a row": Midpoint(parameters=(UPPER, LOWER), cost=cost, executions_per_plan=3),
-    "bnb-diagonal": Diagonal(parameters=(UPPER, LOWER), cost=cost, delta=0.2, gap=0.05),
-    "bnb-diagonal, few plans": Diagonal(parameters=(UPPER, LOWER, replace(UPPER, key="x")), cost=cost, plans=30),
+    "bnb-diagonal": Diagonal(parameters=(UPPER, LOWER), cost=cost, delta=0.2, gap=0.05, budget=15),
+    "bnb-diagonal, few plans": Diagonal(
+        parameters=(UPPER, LOWER, replace(UPPER, key="x")), cost=cost, plans=30, budget=8
+    ),
     "bnb-informed": Informed(parameters=(UPPER, LOWER), cost=cost, budget=6),
     "bnb-informed, three in a row": Informed(parameters=(UPPER, LOWER), cost=cost, budget=6, executions_per_plan=3),
 }
