@@ -28,6 +28,12 @@ Vector4 = tuple[Real, Real, Real, Real]
 Vector6 = tuple[Real, Real, Real, Real, Real, Real]
 Interval = tuple[Real, Real]
 
+FEET = ("left_foot", "right_foot")
+"""Names of the contacts of a robot on its feet."""
+
+BASE_COORDINATES = 6
+"""Coordinates of the floating base of such a robot: they come before its joints."""
+
 
 class Section(BaseModel):
     """A part of the configuration: immutable, unknown keys are errors, an empty section is all defaults."""
@@ -65,7 +71,7 @@ class Collision(Section):
 
 class RobotConfig(Section):
     model: str = Field(
-        description="name of a shipped robot (tx90l), or an MJCF or URDF file relative to the configuration file"
+        description="name of a shipped robot (tx90l, humanoid), or an MJCF or URDF file relative to the configuration file"
     )
     tool: str = Field(default="flange", description="site or body of the model that carries the tray")
     base: Pose = Field(default=Pose(), description="pose of the robot's base in the world")
@@ -148,6 +154,16 @@ class PathTolerance(Section):
     angle: Positive = Field(default=0.001, description="largest angle between the joint path and the tray path [rad]")
 
 
+class StepConfig(Section):
+    foot: Literal["left", "right"] = Field(description="the foot that steps")
+    to: Point2 = Field(description="where the middle of its sole lands on the floor, x and y in the world [m]")
+
+
+class StanceConfig(Section):
+    left: Point2 = Field(description="middle of the left sole on the floor, x and y in the world [m]")
+    right: Point2 = Field(description="middle of the right sole on the floor, x and y in the world [m]")
+
+
 class PathConfig(Section):
     tray_poses: tuple[TrayPose, ...] | None = Field(
         default=None, description="poses of the tray, joined by straight segments"
@@ -164,9 +180,24 @@ class PathConfig(Section):
         default=PathTolerance(),
         description="accuracy of the inverse kinematics between the samples of the tray path",
     )
-    start: tuple[Real, ...] | None = Field(
+    steps: tuple[StepConfig, ...] | None = Field(
+        default=None, description="steps of a robot on its feet, one foot after the other, soles level along x"
+    )
+    start: tuple[Real, ...] | StanceConfig | None = Field(
         default=None,
-        description="joint position near which the inverse kinematics starts; without it the best of many [rad or m]",
+        description="joint position near which the inverse kinematics starts, without it the best of many [rad or m]; "
+        "with steps where the feet stand before the first one [m]",
+    )
+    lift: Length = Field(default=0.05, description="with steps: how high the foot is lifted [m]")
+    inset: Distance = Field(
+        default=0.012,
+        description="with steps: how far inside the middle of the standing foot, towards the other one, the centre of "
+        "mass passes [m]",
+    )
+    pelvis_height: Length | None = Field(
+        default=None,
+        description="with steps: height of the pelvis over the soles; without it that of the model's first keyframe "
+        "[m]",
     )
 
 
@@ -203,6 +234,11 @@ class UncertaintyConfig(Section):
     )
     joint_acceleration: AccelerationError | None = Field(
         default=None, description="error of the executed joint acceleration"
+    )
+    base_acceleration: NonNegative | tuple[NonNegative, ...] = Field(
+        default=0.0,
+        description="with path.steps: largest error of the acceleration of the floating base, one value for all, or "
+        "six: along x, y, z [m/s^2] and about z, y, x [rad/s^2]",
     )
 
 
@@ -374,12 +410,14 @@ def _empty_mapping(data: Any) -> Any:
 class Config(Section):
     name: str = Field(description="name of the task; the results folder takes it")
     robot: RobotConfig = Field(description="the robot")
-    tray: TrayConfig = Field(description="the tray that the robot carries")
+    tray: TrayConfig | None = Field(
+        default=None, description="the tray that the robot carries; required, but for a robot that steps"
+    )
     objects: Annotated[dict[str, ObjectConfig], BeforeValidator(_empty_mapping)] = Field(
         default={}, description="the objects on the tray, by name"
     )
     contact: ContactConfig = Field(default=ContactConfig(), description="contacts between tray and objects")
-    path: PathConfig = Field(description="the path: exactly one of tray_poses and joints")
+    path: PathConfig = Field(description="the path: exactly one of tray_poses, joints and steps")
     uncertainty: UncertaintyConfig = Field(
         default=UncertaintyConfig(),
         description="intervals that the plan must survive; one replaces the point value, which must lie in it",
@@ -395,3 +433,19 @@ class Config(Section):
     folder: Path = Field(
         default=Path("."), exclude=True, description="folder that relative file names in the configuration refer to"
     )
+
+    @property
+    def walks(self) -> bool:
+        """Whether the robot stands on its feet rather than carrying a tray."""
+        return self.path.steps is not None
+
+    @property
+    def carried_tray(self) -> TrayConfig:
+        """The tray of a robot that carries one."""
+        assert self.tray is not None, "a robot on its feet carries no tray"
+        return self.tray
+
+    @property
+    def interfaces(self) -> tuple[str, ...]:
+        """Names of the contacts whose friction and contact points the planner has beliefs about."""
+        return FEET if self.walks else tuple(self.objects)

@@ -45,6 +45,7 @@ class ContactSystem:
     facets: the same cone as facets @ w <= 0, shape (F, d), or None where only the generators are used
     names: of the limits the system imposes: (slip, tipping) of one interface, or (balance,) of a bridge
     edges: friction edges per contact point, which are neighbouring columns of the generators
+    interfaces: contacts by the names that the configuration has for their friction
     """
 
     objects: tuple[str, ...]
@@ -54,6 +55,7 @@ class ContactSystem:
     facets: Array | None
     names: tuple[str, ...]
     edges: int
+    interfaces: tuple[str, ...]
 
     @property
     def dimension(self) -> int:
@@ -230,6 +232,7 @@ def _system(
         facets=_facets(own[0], friction[own[0].object], edges) if len(own) == 1 else None,
         names=(balance,) if bridges else tuple(interface),
         edges=edges,
+        interfaces=group,
     )
 
 

@@ -220,7 +220,7 @@ def _candidates(problem: TimeScalingProblem, conflict: Collection[str]) -> Itera
         yield from _shrinking(f"uncertainty.center_of_mass.{name}", "largest", max(reach), list(reach))
     for name in loaded & set(config.uncertainty.mass):
         low, high = config.uncertainty.mass[name]
-        mass = config.tray.mass if name == "tray" else config.objects[name].mass
+        mass = config.carried_tray.mass if name == "tray" else config.objects[name].mass
 
         def narrowed(width: float, key: str = name, m: float = mass, a: float = low, b: float = high) -> dict[str, Any]:
             share = width / (b - a)

@@ -179,7 +179,7 @@ def standing_order(objects: Mapping[str, ObjectConfig]) -> tuple[str, ...]:
 
 def placements(config: Config) -> dict[str, Placement]:
     """Where each object stands, by name; supports come before what stands on them."""
-    tray = Placement(position=np.zeros(3), yaw=0.0, half_height=0.5 * config.tray.size[2])
+    tray = Placement(position=np.zeros(3), yaw=0.0, half_height=0.5 * config.carried_tray.size[2])
     placed = {"tray": tray}
     for name in standing_order(config.objects):
         body = config.objects[name]
@@ -205,7 +205,7 @@ def patches(config: Config) -> tuple[Patch, ...]:
     """Contact patch of every interface, in the order of `placements`; a bridge has two."""
     points = config.contact.patch_points
     placed = placements(config)
-    faces = {"tray": rectangle(np.zeros(2), np.array(config.tray.size))}
+    faces = {"tray": rectangle(np.zeros(2), np.array(config.carried_tray.size))}
     yaws = {"tray": 0.0}
     found = []
     for name, placement in placed.items():

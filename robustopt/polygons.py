@@ -55,6 +55,10 @@ class Polygons(NamedTuple):
     def copy(self) -> Polygons:
         return Polygons(*(array.copy() for array in self))
 
+    def at(self, points: slice) -> Polygons:
+        """The polygons at some grid points, the same arrays: to cut these is to cut the whole."""
+        return Polygons(*(array[points] for array in self))
+
 
 class Loads(NamedTuple):
     """What the rows of a family multiply, in groups whose mass has one interval each.
@@ -81,7 +85,7 @@ class Loads(NamedTuple):
         middle: Array = np.einsum("pdgk,g->pdk", self.nominal, 0.5 * (self.lowest + self.highest))
         return middle
 
-    def at(self, points: Array) -> Loads:
+    def at(self, points: Array | slice) -> Loads:
         """The loads at some of the grid points."""
         over_points = ("nominal", "terms", "constant", "remainder")
         return self._replace(**{name: getattr(self, name)[points] for name in over_points})

@@ -27,6 +27,9 @@ from robustopt.rows import (
     torque_family,
 )
 from robustopt.uncertainty import acceleration_error, bodies, contact_shift, friction
+from robustopt.walker import Walker, load_walker
+from robustopt.walking import StandingTorque, WalkMotion, walking_families
+from robustopt.walking_path import WalkingPath, build_walking_path
 
 Array = np.ndarray
 
@@ -55,6 +58,8 @@ def gridpoints(path: Path, intervals: int) -> tuple[Array, Array]:
         spaced = (1 - REST_REFINEMENT) * xi + REST_REFINEMENT * (1 - np.cos(np.pi * xi)) / 2
         points = path.breaks[k] + lengths[k] * spaced
         points[0], points[-1] = path.breaks[k], path.breaks[k + 1]
+        for switch in path.switches:  # the limits on both sides hold there
+            points[1 + np.argmin(np.abs(points[1:-1] - switch))] = switch
         s.append(points)
         piece.append(np.full(count + 1, k))
     return np.concatenate(s), np.concatenate(piece)
@@ -78,11 +83,11 @@ class Limits:
     torque: joint torque; names: of all rows; x_max: from joint velocity (P,); velocity_name: (P,) index of its joint
     """
 
-    motion: PathMotion
+    motion: PathMotion | WalkMotion
     outline: Polygons
     acceleration: Array
     contacts: tuple[ContactFamily, ...]
-    torque: TorqueFamily
+    torque: TorqueFamily | StandingTorque
     names: tuple[str, ...]
     x_max: Array
     velocity_name: Array
@@ -101,7 +106,7 @@ class TimeScalingProblem:
     """
 
     config: Config
-    robot: Robot
+    robot: Robot | Walker
     path: Path
     s: Array
     piece: Array
@@ -130,6 +135,11 @@ class TimeScalingProblem:
         names = tuple(_name_index(family, rows, self.limits.names) for family, rows in pairs)
         return _with_rows(self, facets, names, self.reference)
 
+    def with_torque(self, torque: StandingTorque) -> TimeScalingProblem:
+        """The same problem of a robot on its feet with other rows of its joint torques."""
+        limits = replace(self.limits, torque=torque)
+        return _with_rows(replace(self, limits=limits), self.facets, self.facet_names, self.reference)
+
     def only(self, names: Collection[str]) -> TimeScalingProblem:
         """The same problem with the limits of the given names alone; joint velocity always stays."""
         return _with_rows(replace(self, kept=frozenset(names)), self.facets, self.facet_names, self.reference)
@@ -143,15 +153,17 @@ class TimeScalingProblem:
         return np.array([self.kept is None or self.limits.names[k] in self.kept for k in index], dtype=bool)
 
     def torque_excess(self, u: Array, x: Array, points: Array) -> float:
-        """Largest part of a torque limit by which the exact torque exceeds it, for any value of the parameters.
+        """Largest part of a torque limit by which an arm's exact torque exceeds it, for any value of the parameters.
 
         u, x: (M,); points: (M,) grid point of each
         """
+        assert isinstance(self.limits.torque, TorqueFamily)
         counted = self.counts(np.tile(np.arange(2 * self.robot.n, 3 * self.robot.n), 2))
         return float(self.limits.torque.excess(u, x, points)[:, counted].max(initial=-1.0))
 
     def torques(self, u: Array, x: Array) -> Array:
-        """Nominal joint torque at grid points for (u, x) there, payload and joint friction included, (P, n) [N m]."""
+        """Nominal joint torque of an arm at grid points for (u, x) there, payload and joint friction included, (P, n) [N m]."""
+        assert isinstance(self.limits.torque, TorqueFamily)
         columns = []
         for joint in range(self.robot.n):
             coefficients, viscous = self.limits.torque.nominal(joint)
@@ -166,11 +178,14 @@ def build_problem(config: Config) -> TimeScalingProblem:
     Raises ConfigError, RobotError or PathError where the configuration cannot be used. A problem that has no solution
     is no error here: `solve` says so.
     """
+    if config.walks:
+        walker = load_walker(config)
+        return build_rows(config, walker, build_walking_path(config, walker))
     robot = load_robot(config)
     return build_rows(config, robot, build_path(config, robot))
 
 
-def build_rows(config: Config, robot: Robot, path: Path) -> TimeScalingProblem:
+def build_rows(config: Config, robot: Robot | Walker, path: Path) -> TimeScalingProblem:
     """The problem of a configuration whose robot and path are at hand."""
     s, piece = gridpoints(path, config.solver.collocation_points)
     rest = np.zeros(len(s), dtype=bool)
@@ -189,10 +204,31 @@ def build_rows(config: Config, robot: Robot, path: Path) -> TimeScalingProblem:
     return _with_rows(bare, facets, names, bare.reference)
 
 
-def _limits(config: Config, robot: Robot, path: Path, s: Array, piece: Array) -> Limits:
+def _limits(config: Config, robot: Robot | Walker, path: Path, s: Array, piece: Array) -> Limits:
     q, q1, q2 = (path.evaluate(s, piece, order) for order in (0, 1, 2))
-    motion = path_motion(q1, q2, robot.dynamics(q, q1, q2))
-    middle, radius = acceleration_error(config, robot.n)
+    middle, radius = error = acceleration_error(config, robot.n)
+    motion: PathMotion | WalkMotion
+    torque: TorqueFamily | StandingTorque
+    if isinstance(robot, Walker):
+        assert isinstance(path, WalkingPath)
+        motion, contacts, torque = walking_families(config, robot, path, s, q, q1, q2, np.stack(error))
+    else:
+        motion, contacts, torque = _carrying_families(config, robot, q, q1, q2, np.stack(error))
+    names = _all_names(robot, contacts)
+    x_max, fastest = _velocity_bound(q1, robot.limits.velocity)
+    outline = _outline(motion, robot, middle, x_max, fastest)
+    acceleration = acceleration_rows(motion, robot.limits, middle, radius)
+    return Limits(motion, outline, acceleration, contacts, torque, names, x_max, fastest)
+
+
+def _carrying_families(
+    config: Config, robot: Robot, q: Array, q1: Array, q2: Array, error: Array
+) -> tuple[PathMotion, tuple[ContactFamily, ...], TorqueFamily]:
+    """Motion, contacts and joint torques of an arm that carries a tray.
+
+    q, q1, q2: (P, n); error: middle and half-width of the acceleration error, (2, n)
+    """
+    motion, (middle, radius) = path_motion(q1, q2, robot.dynamics(q, q1, q2)), error
     everything = bodies(config)
     systems = contact_systems(config, friction(config), contact_shift(config))
     contacts = []
@@ -203,20 +239,15 @@ def _limits(config: Config, robot: Robot, path: Path, s: Array, piece: Array) ->
         weight = STANDARD_GRAVITY * sum(phi[0] for phi in parameters)
         contacts.append(ContactFamily(centred, body_loads(motion, loaded, centred.points, middle, radius), weight))
     payload = body_loads(motion, [list(everything.values())], [np.zeros(3)], middle, radius)
-    torque = torque_family(motion, robot.limits, payload, middle, radius)
-    names = _all_names(robot, tuple(contacts))
-    x_max, fastest = _velocity_bound(q1, robot.limits.velocity)
-    outline = _outline(motion, robot, middle, x_max, fastest)
-    acceleration = acceleration_rows(motion, robot.limits, middle, radius)
-    return Limits(motion, outline, acceleration, tuple(contacts), torque, names, x_max, fastest)
+    return motion, tuple(contacts), torque_family(motion, robot.limits, payload, middle, radius)
 
 
-def _all_names(robot: Robot, contacts: tuple[ContactFamily, ...]) -> tuple[str, ...]:
+def _all_names(robot: Robot | Walker, contacts: tuple[ContactFamily, ...]) -> tuple[str, ...]:
     """Names of all rows: velocity, acceleration and torque per joint, then the limits of the contact systems."""
     names = [f"{joint} {kind}" for kind in ("velocity", "acceleration", "torque") for joint in robot.joint_names]
     for family in contacts:
         names += family.system.names
-    return tuple(names)
+    return tuple(dict.fromkeys(names))
 
 
 def _velocity_bound(q1: Array, velocity: Array) -> tuple[Array, Array]:
@@ -226,7 +257,9 @@ def _velocity_bound(q1: Array, velocity: Array) -> tuple[Array, Array]:
     return 1.0 / _without_zeros(ratio.max(axis=1)) ** 2, fastest
 
 
-def _outline(motion: PathMotion, robot: Robot, middle: Array, x_max: Array, fastest: Array) -> Polygons:
+def _outline(
+    motion: PathMotion | WalkMotion, robot: Robot | Walker, middle: Array, x_max: Array, fastest: Array
+) -> Polygons:
     """Rectangles that hold every (u, x) of the acceleration limits, twice as wide as they need to be."""
     limit = robot.limits.acceleration
     rate = np.abs(motion.q1) / limit
@@ -267,9 +300,10 @@ def _with_rows(
     cut_affine(polygons, np.ascontiguousarray(limits.acceleration[:, used]), (n + joint_names)[used])
     for family, rows, index in zip(limits.contacts, facets, names, strict=True):
         used = counts[index]
-        cut(polygons, facet_family(rows[used], family.loads, index[used]))
+        here = slice(family.first, family.last + 1 if family.last >= 0 else None)
+        cut(polygons.at(here), facet_family(rows[used], family.loads.at(here), index[used]))
     used = counts[2 * n + joint_names]
-    cut(polygons, limits.torque.family(reference, limits.x_max, used, 2 * n + joint_names))
+    limits.torque.cut(polygons, reference, limits.x_max, used, 2 * n + joint_names)
     a, b, c, columns = _columns(polygons, n, len(limits.names))
     return replace(
         problem, a=a, b=b, c=c, row_names=tuple(limits.names[k] for k in columns), feasible=polygons.sizes > 0,

@@ -52,7 +52,7 @@ def check_scene(config: Config) -> Iterator[Finding]:
 def _uneven_bridges(config: Config) -> Iterator[Finding]:
     placed = placements(config)
     tops = {name: float(place.position[2] + place.half_height) for name, place in placed.items()}
-    tops["tray"] = 0.5 * config.tray.size[2]
+    tops["tray"] = 0.5 * config.carried_tray.size[2]
     for name, body in config.objects.items():
         heights = [tops[support] for support in supports(body)]
         if max(heights) - min(heights) > LEVEL:
@@ -66,7 +66,7 @@ def _off_support(config: Config, placed: dict[str, Placement], contacts: tuple[P
         if area(patch.polygon) > 0:
             continue
         if patch.support == "tray":
-            x, y = 0.5 * config.tray.size[0], 0.5 * config.tray.size[1]
+            x, y = 0.5 * config.carried_tray.size[0], 0.5 * config.carried_tray.size[1]
             face = f"the tray, which reaches from {-x:g} to {x:g} m in x and from {-y:g} to {y:g} m in y"
         else:
             x, y = placed[patch.support].position[:2]

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robustopt.config import Config, ObjectConfig, TrayConfig
+from robustopt.config_model import BASE_COORDINATES
 from robustopt.contact import skew
 from robustopt.errors import ConfigError
 from robustopt.geometry import placements
@@ -51,17 +52,17 @@ class Body:
 def bodies(config: Config) -> dict[str, Body]:
     """The tray (under the name `tray`) and every object, by name."""
     placed = placements(config)
-    result = {"tray": _body(config, "tray", config.tray, np.zeros(3), 0.0)}
+    result = {"tray": _body(config, "tray", config.carried_tray, np.zeros(3), 0.0)}
     for name, item in config.objects.items():
         result[name] = _body(config, name, item, placed[name].position, placed[name].yaw)
     return result
 
 
 def friction(config: Config) -> dict[str, float]:
-    """The smallest believed coefficient of friction under each object: less friction is always worse."""
+    """The smallest believed coefficient of friction under each object, or each foot: less friction is always worse."""
     point, interval = config.contact.friction, config.uncertainty.friction
     values = {}
-    for name in config.objects:
+    for name in config.interfaces:
         value = point.get(name, point.get("default", np.nan)) if isinstance(point, dict) else point
         bounds = interval.get(name, interval.get("default")) if isinstance(interval, dict) else interval
         values[name] = bounds[0] if bounds is not None else value
@@ -69,19 +70,25 @@ def friction(config: Config) -> dict[str, float]:
 
 
 def contact_shift(config: Config) -> dict[str, float]:
-    """How far each contact point under an object may lie from its place along x and y [m]."""
+    """How far each contact point under an object, or a foot, may lie from its place along x and y [m]."""
     shift = config.uncertainty.contact_points
     if isinstance(shift, dict):
-        return {name: shift.get(name, shift.get("default", 0.0)) for name in config.objects}
-    return dict.fromkeys(config.objects, shift or 0.0)
+        return {name: shift.get(name, shift.get("default", 0.0)) for name in config.interfaces}
+    return dict.fromkeys(config.interfaces, shift or 0.0)
 
 
 def acceleration_error(config: Config, joints: int) -> tuple[Array, Array]:
-    """Middle and half-width of the interval of joint acceleration error, U and K D (paper eq. 9), (n,) [rad/s^2]."""
-    error = config.uncertainty.joint_acceleration
-    if error is None:
-        return np.zeros(joints), np.zeros(joints)
-    return _per_joint("mean", error.mean, joints), error.K * _per_joint("deviation", error.deviation, joints)
+    """Middle and half-width of the interval of joint acceleration error, U and K D (paper eq. 9), (n,) [rad/s^2].
+
+    The first joints of a robot on its feet are the coordinates of its base, which has an error of its own.
+    """
+    error, base = config.uncertainty.joint_acceleration, BASE_COORDINATES if config.walks else 0
+    middle, radius = np.zeros(joints), np.zeros(joints)
+    radius[:base] = config.uncertainty.base_acceleration
+    if error is not None:
+        middle[base:] = _per_joint("mean", error.mean, joints - base)
+        radius[base:] = error.K * _per_joint("deviation", error.deviation, joints - base)
+    return middle, radius
 
 
 def _per_joint(name: str, given: float | tuple[float, ...], joints: int) -> Array:
@@ -99,13 +106,19 @@ def _body(config: Config, name: str, item: TrayConfig | ObjectConfig, position: 
     inertia = turn @ (inertia_matrix(item) / item.mass) @ turn.T
     arm = position + turn @ np.array(item.center_of_mass)
     reach = turn * np.array(config.uncertainty.center_of_mass.get(name, (0.0, 0.0, 0.0)))
+    return uncertain_body(name, config.uncertainty.mass.get(name, (item.mass, item.mass)), arm, inertia, reach)
+
+
+def uncertain_body(name: str, mass: tuple[float, float], arm: Array, inertia: Array, reach: Array) -> Body:
+    """A body from its interval of mass [kg], its centre of mass (3,) [m], the inertia about that per unit of mass (3, 3)
+    [m^2], and how far the centre of mass may be from its place, the columns of `reach` (3, 3) [m]."""
     psi = _parameters(1.0, arm, inertia - skew(arm) @ skew(arm))
     linear = np.array([_linear(arm, step) for step in reach.T])
     squares = [0.5 * _square(step, step) for step in reach.T]
     crossed = [_square(reach[:, i], reach[:, j]) for i, j in ((0, 1), (0, 2), (1, 2))]
     return Body(
         name=name,
-        mass=config.uncertainty.mass.get(name, (item.mass, item.mass)),
+        mass=mass,
         psi=psi + np.sum(squares, axis=0),
         linear=linear,
         remainder=np.array(squares + crossed),

@@ -161,6 +161,6 @@ def _largest_inertia(config: Config, robot: Robot, q: Array) -> Array:
     """Largest diagonal of the mass matrix of arm and load over joint positions q (P, n), (n,)."""
     none = np.zeros_like(q)
     arm = robot.dynamics(q, none, none)
-    load = config.tray.mass + sum(item.mass for item in config.objects.values())
+    load = config.carried_tray.mass + sum(item.mass for item in config.objects.values())
     carried = load * np.sum(arm.jacobian[:, :3] ** 2, axis=1)
     return np.asarray((np.diagonal(arm.mass_matrix, axis1=1, axis2=2) + carried).max(axis=0))

@@ -131,7 +131,8 @@ def _require_same_task(config: Config, plan: Plan) -> None:
         return
     same = {
         "robot": config.robot == theirs.robot,
-        "tray": (config.tray.size, config.tray.pose) == (theirs.tray.size, theirs.tray.pose),
+        "tray": (config.carried_tray.size, config.carried_tray.pose)
+        == (theirs.carried_tray.size, theirs.carried_tray.pose),
         "path": config.path == theirs.path,
         "gravity": config.gravity == theirs.gravity,
         "objects": _places(config) == _places(theirs),

@@ -162,7 +162,7 @@ class SceneBuilder:
         return spec
 
     def _add_tray(self, spec: mujoco.MjSpec, world: World) -> mujoco.MjsBody:
-        site, size = spec.site(TRAY_SITE), np.array(self._config.tray.size) / 2
+        site, size = spec.site(TRAY_SITE), np.array(self._config.carried_tray.size) / 2
         body = site.parent.add_body(name=PREFIX + "tray", pos=site.pos, quat=site.quat)
         _set_inertia(body, world.bodies["tray"])
         # The controller compensates the weight that the planner believes, not the true one.
@@ -211,7 +211,7 @@ class SceneBuilder:
         return [(name, support) for name in self._placed for support in supports(self._config.objects[name])]
 
     def _interfaces(self, model: mujoco.MjModel) -> list[Interface]:
-        tray = Placement(np.zeros(3), 0.0, self._config.tray.size[2] / 2)
+        tray = Placement(np.zeros(3), 0.0, self._config.carried_tray.size[2] / 2)
         found = []
         for name, support in self._resting():
             upper, lower = self._placed[name], self._placed.get(support, tray)

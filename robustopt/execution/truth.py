@@ -52,7 +52,7 @@ def varies(truth: TruthConfig) -> bool:
 def believed_world(config: Config) -> World:
     """The world of the planner's point values."""
     friction = {name: _of(config.contact.friction, name) for name in config.objects}
-    bodies = {"tray": _believed_body(config.tray)}
+    bodies = {"tray": _believed_body(config.carried_tray)}
     return World(friction, bodies | {name: _believed_body(item) for name, item in config.objects.items()})
 
 

@@ -95,7 +95,7 @@ def figures(plan: Plan, config: Config, certificate: Certificate | None = None) 
 
 def _contacts(plan: Plan, config: Config, title: str, certificate: Certificate | None) -> dict[str, Figure]:
     """The figure of the contacts, if there are any."""
-    if not config.objects:
+    if not config.objects:  # of a robot on its feet, or of an empty tray
         return {}
     times, utilisation = interface_utilisation(config, plan)
     worst = {} if certificate is None else _worst_utilisation(certificate)

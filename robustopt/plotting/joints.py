@@ -80,12 +80,14 @@ def joint_quantities(plan: Plan) -> tuple[Array, list[Quantity]]:
     sdd = np.repeat(trajectory.sdd[moving], 2)
     motion = joint_motion(trajectory.path, trajectory.piece[points], t, s, sd, sdd)
     limits = plan.problem.robot.limits
-    return t, [
+    quantities = [
         Quantity("position", motion.q, limits.lower, limits.upper),
         Quantity("velocity", motion.qd, -limits.velocity, limits.velocity),
         _acceleration(plan, motion.qdd),
-        _torque(plan, points, sdd, sd**2),
     ]
+    if not plan.problem.config.walks:
+        quantities.append(_torque(plan, points, sdd, sd**2))
+    return t, quantities
 
 
 def _acceleration(plan: Plan, value: Array) -> Quantity:
