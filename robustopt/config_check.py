@@ -107,10 +107,8 @@ def _references(config: Config, names: Collection[str]) -> Iterator[Finding]:
         if key == ("contact", "friction") and "default" not in values:
             missing = [name for name in names if name not in values]
             if missing:
-                yield (
-                    key,
-                    f"no value for {', '.join(missing)}; expected one for each {'foot' if config.walks else 'object'}, or `default`",
-                )
+                each = "foot" if config.walks else "object"
+                yield key, f"no value for {', '.join(missing)}; expected one for each {each}, or `default`"
 
 
 # Path and solver ------------------------------------------------------------------------------------------
@@ -120,8 +118,8 @@ def _path(config: Config) -> Iterator[Finding]:
     path = config.path
     given = [name for name in ("tray_poses", "joints", "steps") if getattr(path, name) is not None]
     if len(given) != 1:
-        found = " and ".join(given) or "none"
-        yield ("path",), f"found {found} of tray_poses, joints and steps; expected exactly one of them"
+        found = f"{'both' if len(given) == 2 else 'all'} of {' and '.join(given)}" if given else "none of them"
+        yield ("path",), f"found {found}; expected exactly one of tray_poses, joints and steps"
         return
     if path.tray_poses is not None:
         key: Key = ("path", "tray_poses")

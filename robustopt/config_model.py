@@ -71,7 +71,8 @@ class Collision(Section):
 
 class RobotConfig(Section):
     model: str = Field(
-        description="name of a shipped robot (tx90l, humanoid), or an MJCF or URDF file relative to the configuration file"
+        description="name of a shipped robot (tx90l, humanoid), or an MJCF or URDF file relative to the "
+        "configuration file"
     )
     tool: str = Field(default="flange", description="site or body of the model that carries the tray")
     base: Pose = Field(default=Pose(), description="pose of the robot's base in the world")

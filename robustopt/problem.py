@@ -58,8 +58,6 @@ def gridpoints(path: Path, intervals: int) -> tuple[Array, Array]:
         spaced = (1 - REST_REFINEMENT) * xi + REST_REFINEMENT * (1 - np.cos(np.pi * xi)) / 2
         points = path.breaks[k] + lengths[k] * spaced
         points[0], points[-1] = path.breaks[k], path.breaks[k + 1]
-        for switch in path.switches:  # the limits on both sides hold there
-            points[1 + np.argmin(np.abs(points[1:-1] - switch))] = switch
         s.append(points)
         piece.append(np.full(count + 1, k))
     return np.concatenate(s), np.concatenate(piece)
@@ -162,7 +160,10 @@ class TimeScalingProblem:
         return float(self.limits.torque.excess(u, x, points)[:, counted].max(initial=-1.0))
 
     def torques(self, u: Array, x: Array) -> Array:
-        """Nominal joint torque of an arm at grid points for (u, x) there, payload and joint friction included, (P, n) [N m]."""
+        """Nominal torque of an arm's joints at grid points for (u, x) there, payload and joint friction included.
+
+        (P, n) [N m]
+        """
         assert isinstance(self.limits.torque, TorqueFamily)
         columns = []
         for joint in range(self.robot.n):
@@ -188,6 +189,8 @@ def build_problem(config: Config) -> TimeScalingProblem:
 def build_rows(config: Config, robot: Robot | Walker, path: Path) -> TimeScalingProblem:
     """The problem of a configuration whose robot and path are at hand."""
     s, piece = gridpoints(path, config.solver.collocation_points)
+    for switch in path.switches:  # the limits on both sides of it hold there
+        s[1 + np.argmin(np.abs(s[1:-1] - switch))] = switch
     rest = np.zeros(len(s), dtype=bool)
     rest[[0, -1]] = True
     doubled = np.flatnonzero(np.diff(s) == 0)

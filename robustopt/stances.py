@@ -36,10 +36,9 @@ def sole(points: Array, shift: float, name: str) -> Array:
     left = erode(polygon, shift)
     if len(left) < 3 or area(left) < RESOLUTION**2:
         x, y = np.ptp(polygon, axis=0)
-        raise ConfigError(
-            f"found {shift:g} m, which leaves nothing of {name}, {x:g} by {y:g} m; expected less than {min(x, y) / 2:g}",
-            "uncertainty.contact_points",
-        )
+        size, most = f"{name}, {x:g} by {y:g} m", min(x, y) / 2
+        message = f"found {shift:g} m, which leaves nothing of {size}; expected less than {most:g} m"
+        raise ConfigError(message, "uncertainty.contact_points")
     return left
 
 

@@ -12,6 +12,9 @@ from robustopt.geometry import RESOLUTION
 
 Finding = tuple[Key, str]
 
+POINTS_PER_PHASE = 8
+"""Intervals of the grid per phase of a path with steps: every lift and landing of a foot is a grid point of its own."""
+
 
 def check_steps(config: Config) -> Iterator[Finding]:
     """Mistakes in the keys that only one of the two kinds of robots has, and in the steps themselves."""
@@ -43,6 +46,10 @@ def _without_tray(config: Config) -> Iterator[Finding]:
     for key, given in foreign:
         if given:
             yield key, "found it together with path.steps; a robot on its feet carries nothing and moves all its joints"
+    least = POINTS_PER_PHASE * (2 * len(config.path.steps or ()) + 1)
+    if config.solver.collocation_points < least:
+        found = f"found {config.solver.collocation_points}"
+        yield ("solver", "collocation_points"), f"{found}; expected at least {least} for this number of steps"
     if config.solver.cost == "effort":
         message = "found effort with path.steps, where torques depend on how the feet share the load; expected time "
         yield ("solver", "cost"), message + "or smoothness"

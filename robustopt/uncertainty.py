@@ -110,8 +110,8 @@ def _body(config: Config, name: str, item: TrayConfig | ObjectConfig, position: 
 
 
 def uncertain_body(name: str, mass: tuple[float, float], arm: Array, inertia: Array, reach: Array) -> Body:
-    """A body from its interval of mass [kg], its centre of mass (3,) [m], the inertia about that per unit of mass (3, 3)
-    [m^2], and how far the centre of mass may be from its place, the columns of `reach` (3, 3) [m]."""
+    """A body from its interval of mass [kg], its centre of mass `arm` (3,) [m] and the inertia about that per unit of
+    mass (3, 3) [m^2]; the centre of mass may be off by the columns of `reach` (3, 3) [m], each either way."""
     psi = _parameters(1.0, arm, inertia - skew(arm) @ skew(arm))
     linear = np.array([_linear(arm, step) for step in reach.T])
     squares = [0.5 * _square(step, step) for step in reach.T]

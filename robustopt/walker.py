@@ -71,8 +71,8 @@ class Walker:
     """A floating base with joints and two feet.
 
     `joint_names` (n,): the base's coordinates first; `limits`: infinite for the base; `posture` (n,): where the base,
-    the arms and the waist stay; `feet`: contact points by name; `leg_joints`: indices of the joints that each foot hangs
-    from, (6,); `mass` [kg]; `up` (3,): against gravity
+    the arms and the waist stay; `feet`: contact points by name; `leg_joints`: indices of the joints that each foot
+    hangs from, (6,); `mass` [kg]; `up` (3,): against gravity
     """
 
     def __init__(

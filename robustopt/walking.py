@@ -133,17 +133,12 @@ def walking_families(
     )
     coefficients, shift = friction(config), contact_shift(config)
     soles = {name: sole(foot.points, shift[name], name) for name, foot in walker.feet.items()}
-    borders = np.searchsorted(s, np.r_[0.0, path.switches, 1.0])
+    borders = [int(k) for k in np.searchsorted(s, np.r_[0.0, path.switches, 1.0])]
     weight = STANDARD_GRAVITY * walker.mass
+    systems = [stance_system(stance, soles, coefficients, config.contact.cone_edges) for stance in path.stances]
     contacts = tuple(
-        ContactFamily(
-            stance_system(stance, soles, coefficients, config.contact.cone_edges),
-            on_feet,
-            weight,
-            int(first),
-            int(last),
-        )
-        for stance, first, last in zip(path.stances, borders[:-1], borders[1:], strict=True)
+        ContactFamily(system, on_feet, weight, first, last)
+        for system, first, last in zip(systems, borders[:-1], borders[1:], strict=True)
     )
     standing = np.zeros(len(s), dtype=np.intp)
     for single in (False, True):
@@ -159,15 +154,14 @@ def _torque(
     points, n = dynamics.force_u.shape
     rows = np.zeros((points, n, n))
     known = np.ones((points, n), dtype=bool)
-    rows[:, range(BASE, n), range(BASE, n)] = 1.0
+    rows[:, BASE:, BASE:] = np.eye(n - BASE)
     for k, family in enumerate(contacts):
         at, feet = standing == k, family.system.interfaces
         for name in feet:
             leg = walker.leg_joints[name]
             if len(feet) == 1:
-                rows[np.ix_(np.flatnonzero(at), leg, range(BASE))] = -np.swapaxes(
-                    dynamics.jacobians[name][at][:, :, leg], 1, 2
-                )
+                pull = np.swapaxes(dynamics.jacobians[name][at][:, :, leg], 1, 2)
+                rows[np.ix_(np.flatnonzero(at), leg, np.arange(BASE))] = -pull
             else:
                 known[np.ix_(np.flatnonzero(at), leg)] = False
     rows *= known[:, :, None]

@@ -299,7 +299,7 @@ def _contacts(walk: Walk, places: Mapping[str, Array], friction: Array, shift: A
         mu.append(np.repeat(friction[foot][None], len(own), axis=0))
         faces.append(Face(first, first + len(own), 0, -1))
         first += len(own)
-    center = np.append(np.mean([place for place in places.values()], axis=0), 0.0)
+    center = np.append(np.mean(list(places.values()), axis=0), 0.0)
     stacked = np.concatenate(points).transpose(1, 0, 2)
     return Contacts(tuple(faces), (stacked - center[:, None, None]) / LENGTH, np.concatenate(mu)), center
 
@@ -399,7 +399,7 @@ def _shares(generators: Array, pull: Array, need: Array, limit: Array, weight: f
         np.r_[np.zeros(count), 1e3, 1.0], A_ub=rows, b_ub=np.r_[-torque, torque], A_eq=wrench,
         b_eq=need[:BASE] * scale / weight, bounds=(0.0, None), method="highs",
     )  # fmt: skip
-    if not answer.success:
+    if answer.x is None:
         raise SolverFailed(f"the torques on two feet could not be found: {answer.message}")
     return np.asarray(answer.x[:count] * weight)
 

@@ -16,6 +16,7 @@ from robustopt.execution.monte_carlo import Job, Workers, run_all
 from robustopt.execution.outcome import Status, TrialOutcome
 from robustopt.execution.scene import SceneBuilder
 from robustopt.execution.truth import believed_world
+from robustopt.robot import Robot
 from robustopt.timescaling import Plan
 from robustopt.trajectory import Trajectory
 
@@ -116,7 +117,10 @@ def prepare(config: Config, plan: Plan, seed: int | None = None, speed: float = 
     trajectory = Trajectory.from_plan(plan, speed)
     _require_usable(trajectory, execution)
     path = trajectory.at_gridpoints().q
-    gains = gains_of(config, plan.problem.robot, path)
+    robot = plan.problem.robot
+    if not isinstance(robot, Robot):
+        raise SimulationFailed("a robot on its feet cannot be executed yet")
+    gains = gains_of(config, robot, path)
     builder = SceneBuilder(config, gains, execution.timestep)
     model = builder.model(believed_world(config))
     require_stable(model, builder.layout(model), gains, builder.robot.joint_names, path)

@@ -1,8 +1,9 @@
 """Solvers: one contract, same optimum.
 
-`solve` repeats an outer solver (`reachability` or `ipopt`) until two things hold that its rows may lack: contact forces
-exist at both ends of every interval for every value of the parameters (inner programs, whose duals become rows; where
-two feet share the load, joint torques belong to them), and the viscous torque, which the rows have linearised, is within its limit and the linearisation has settled.
+`solve` repeats an outer solver (`reachability` or `ipopt`) until three things hold that its rows may lack: contact
+forces exist at both ends of every interval for every value of the parameters (inner programs, whose duals become rows);
+where two feet share the load, some of these forces keep the joint torques within their limits (likewise); and the
+viscous torque, which the rows have linearised, is within its limit and the linearisation has settled.
 """
 
 from __future__ import annotations

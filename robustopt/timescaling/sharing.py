@@ -70,7 +70,7 @@ class SharingProgram:
         self.open = np.full(rows - 6, -np.inf)
 
     def solve(self, wrench: Array, torque: Array) -> tuple[float, Array, Array, float, Array]:
-        """t; the row y_w, y_tau, constant with y_w w + y_tau tau + constant = t at the load; and the generators' forces.
+        """t; the row y_w, y_tau, constant, y_w w + y_tau tau + constant = t at the load; the forces of the generators.
 
         wrench: (6,); torque: of the legs without contact forces (m,)
         """
