@@ -7,7 +7,7 @@ RUN := $(BIN)/robustopt
 export OPENBLAS_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow lint format type docs bench bench-execution reproduce-tables clean
+.PHONY: help demo test test-slow lint format type docs bench bench-execution reproduce-tables reproduce-all clean
 
 help:  ## what each target does
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 20
@@ -52,8 +52,11 @@ bench: $(VENV)/.test  ## time the solvers side by side; writes results/benchmark
 bench-execution: $(VENV)/.test  ## executor against a bare MuJoCo rollout, and its memory; writes results/benchmarks
 	$(BIN)/python experiments/bench_execution.py
 
-reproduce-tables: $(VENV)/.run  ## durations at the paper's coefficients of friction, beside the paper's; writes results/tables
-	$(BIN)/python experiments/table_durations.py
+reproduce-tables: $(VENV)/.run  ## the paper's tables and figure, beside the paper's numbers; writes results/tables
+	$(BIN)/python experiments/reproduce.py
+
+reproduce-all: $(VENV)/.run  ## everything beyond the paper too, over an hour; goes on where it was interrupted
+	$(BIN)/python experiments/reproduce.py --all
 
 clean:  ## remove the environment and what the tools left
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -23,6 +23,7 @@ import contenders
 import numpy as np
 from bench_figure import Record
 from bench_report import write_report
+from figure_3 import PAPER_FIGURE_3
 from timing import interleaved, machine_facts, spread
 
 from robustopt.config import Config, load_config
@@ -43,9 +44,6 @@ ALL_FIVE = """uncertainty={friction: [0.4, 0.6], joint_acceleration: {deviation:
   center_of_mass: {lower: [0.003, 0.003, 0.01], upper: [0.003, 0.003, 0.01]},
   mass: {lower: [0.45, 0.55], upper: [0.45, 0.55]}}"""
 CASES = {"none": "uncertainty={}", "friction, acceleration": FRICTION_ACCELERATION, "all five": ALL_FIVE}
-
-PAPER_FIGURE_3 = {200: 10.0, 2000: 40.0}
-"""Seconds by N, read off the paper's figure 3: about 10 s, and over 40 s; two blocks, 8 contact points, 2.9 GHz."""
 
 REFERENCE = 1000
 """N up to which a whole plan is repeated in full, and beyond which the less, the more points it has."""

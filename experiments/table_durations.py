@@ -13,6 +13,8 @@ from collections.abc import Sequence
 from math import sqrt
 from pathlib import Path
 
+from learned import Bench
+
 from robustopt.config import load_config
 from robustopt.path import build_path
 from robustopt.problem import TimeScalingProblem, build_rows
@@ -103,17 +105,21 @@ def durations(frictions: Sequence[float], points: int) -> list[dict[str, float |
     return records
 
 
+def write(out: Path, place: Bench, points: int = 200) -> list[Path]:
+    """Plan at every coefficient of friction and write the table."""
+    place.say(f"{len(PAPER_TABLE_1)} coefficients of friction")
+    records = durations(tuple(PAPER_TABLE_1), points)
+    caption = f"Duration of the two-block waiter task by coefficient of friction, {points} collocation points."
+    below = BELOW.format(points=points, fine=FINE * points)
+    return write_table(Table(COLUMNS, tuple(records), caption), out, "durations", ABOVE, below)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description="Durations against friction, beside the paper's.")
     parser.add_argument("--points", type=int, default=200, help="collocation points")
     parser.add_argument("--out", type=Path, default=ROOT / "results" / "tables")
     arguments = parser.parse_args()
-    records = durations(tuple(PAPER_TABLE_1), arguments.points)
-    caption = (
-        f"Duration of the two-block waiter task by coefficient of friction, {arguments.points} collocation points."
-    )
-    below = BELOW.format(points=arguments.points, fine=FINE * arguments.points)
-    for path in write_table(Table(COLUMNS, tuple(records), caption), arguments.out, "durations", ABOVE, below):
+    for path in write(arguments.out, Bench(arguments.out), arguments.points):
         print(path)
 
 

@@ -7,6 +7,7 @@
     plan = ro.solve(problem)
     certificate = ro.certify(config, plan)
     executions = ro.execute(config, plan, trials=100)
+    learned = ro.learn(config)
 
 Names are imported when they are first used, so that importing the package is quick.
 """
@@ -26,6 +27,8 @@ _HOMES = {
     "certify": "robustopt.certificate",
     "execute": "robustopt.execution",
     "Executions": "robustopt.execution",
+    "learn": "robustopt.campaign",
+    "Learned": "robustopt.campaign",
     "Trajectory": "robustopt.trajectory",
     "RobustOptError": "robustopt.errors",
 }

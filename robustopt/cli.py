@@ -15,7 +15,7 @@ import typer
 
 from robustopt import __version__
 from robustopt.errors import ConfigError, RobustOptError
-from robustopt.terminal import console, fail, print_json, show, status, trials_bar
+from robustopt.terminal import ask, console, fail, learning_table, print_json, say, show, show_runs, status, trials_bar
 
 if TYPE_CHECKING:
     from robustopt.config import Config
@@ -43,6 +43,11 @@ class Method(StrEnum):
 class Backend(StrEnum):
     loky = "loky"
     dask = "dask"
+
+
+class ExecutorName(StrEnum):
+    simulation = "simulation"
+    manual = "manual"
 
 
 class Effort(StrEnum):
@@ -150,6 +155,65 @@ def execute(
         from robustopt.config import located
 
         raise located(error, task, changes) from None
+
+
+@app.command()
+def learn(
+    arguments: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[CONFIG] KEY=VALUE",
+            help="YAML file, without one the paper's one-block waiter task; values for keys",
+        ),
+    ] = None,
+    algorithm: Annotated[str | None, typer.Option(help="learning.algorithm", show_default=False)] = None,
+    K: Annotated[float | None, typer.Option("--K", min=0, max=6, help="learning.K", show_default=False)] = None,
+    out: Out = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="continue the run in --out, or the latest unfinished one of the task")
+    ] = False,
+    executor: Annotated[
+        ExecutorName, typer.Option(help="simulation, or manual: a person runs each trajectory and says what came of it")
+    ] = ExecutorName.simulation,
+    seed: Seed = None,
+    workers: Annotated[int, typer.Option(min=1, help="processes; threads share the cores that they leave")] = 1,
+    figures: Annotated[bool, typer.Option(help="draw the figures")] = True,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> int:
+    """Learn intervals from executions, until the plan is safe and near-optimal; can be interrupted and continued."""
+    path, changes = _task(arguments or [])
+    changes += _changes(None, None, seed)
+    changes += [] if algorithm is None else [f"learning.algorithm={algorithm}"]
+    changes += [] if K is None else [f"learning.K={K}"]
+    options = _Learning(resume, executor, workers, figures, json, quiet)
+    if resume and out is not None and path is None and not changes:
+        return _learn(None, out, options)
+    from robustopt.tasks import PAPER_TASK
+
+    path = path or PAPER_TASK
+    try:
+        return _learn(_load(path, changes), out, options)
+    except ConfigError as error:
+        from robustopt.config import located
+
+        raise located(error, path, changes) from None
+
+
+@app.command()
+def runs(
+    folder: Annotated[Path, typer.Argument(metavar="[FOLDER]", help="folder that holds runs")] = Path("results"),
+    json: Json = False,
+) -> int:
+    """List runs and their state: complete, running, or to be resumed."""
+    from robustopt.runs import runs as found
+
+    records = found(folder)
+    if json:
+        print_json({"runs": records})
+    else:
+        show_runs(records, folder)
+    return 0
 
 
 @app.command()
@@ -278,6 +342,90 @@ def _execute_stored(folder: Path, changes: Sequence[str], out: Path | None, opti
 def _end_execution(data: dict[str, Any], place: Path, code: int, options: _Execution) -> int:
     show(data, place, options.json, options.quiet)
     return _Kept(code) if code == INTERRUPTED else code
+
+
+class _Learning(NamedTuple):
+    """Options of a learner's run."""
+
+    resume: bool
+    executor: ExecutorName
+    workers: int
+    figures: bool
+    json: bool
+    quiet: bool
+
+
+def _task(arguments: Sequence[str]) -> tuple[Path | None, list[str]]:
+    """The configuration file, if one is named, and values for keys."""
+    if arguments and ("=" not in arguments[0] or Path(arguments[0]).is_file()):
+        return Path(arguments[0]), list(arguments[1:])
+    return None, list(arguments)
+
+
+def _learn(config: Config | None, out: Path | None, options: _Learning) -> int:
+    """Begin or continue a learner's run; config: None for the one that the run was begun with."""
+    from robustopt.learning_run import begin, discard_if_empty, latest_unfinished, resumed
+
+    folder = out
+    if options.resume and config is not None and out is None:
+        folder = latest_unfinished(config.name)
+    if options.resume and folder is not None and folder.is_dir() and any(folder.iterdir()):
+        task = resumed(folder, config)
+        if (folder / "summary.json").is_file():
+            from robustopt.store import read_summary
+
+            data = read_summary(folder)
+            show(data, folder, options.json, options.quiet)
+            return 0 if data["status"] == "learned" else 3
+    elif config is None:
+        raise ConfigError(f"{out}: no run to resume; expected the folder of a run of `robustopt learn`")
+    else:
+        task, folder = config, begin(config, out, sys.argv[1:])
+    try:
+        return _run_learner(task, folder, options)
+    except KeyboardInterrupt:
+        return _keep(folder, options)
+    except RobustOptError:
+        discard_if_empty(folder)
+        raise
+
+
+def _run_learner(config: Config, folder: Path, options: _Learning) -> int:
+    from robustopt.journal import Journal
+
+    silent = options.json or options.quiet
+    journal = Journal.open(folder)
+    try:
+        with learning_table(silent or options.executor is ExecutorName.manual) as progress:
+            from robustopt.campaign import learn as run_learner
+            from robustopt.executors import Executor, Simulated
+            from robustopt.manual import Manual
+
+            executor: Executor = Simulated(config, options.workers)
+            if options.executor is ExecutorName.manual:
+                executor = Manual(folder, ask, say)
+            learned = run_learner(config, executor, journal=journal, progress=progress)
+            _stop_if_interrupted()
+        with status("writing", silent):
+            from robustopt.learning_run import complete, result_of, write_learning_files
+            from robustopt.report import write_learning_figures, write_page
+
+            result = result_of(learned, journal)
+            data = write_learning_files(result, folder)
+            if options.figures:
+                write_learning_figures(data, result.planned, folder)
+            write_page(data, folder)
+            _stop_if_interrupted()
+            complete(folder, data)
+    finally:
+        journal.close()
+    show(data, folder, options.json, options.quiet)
+    return result.exit_code
+
+
+def _keep(folder: Path, options: _Learning) -> int:
+    message = f"interrupted; what was learned is kept: robustopt learn --resume --out {folder}"
+    return _Kept(fail("Interrupted", message, INTERRUPTED, options.json))
 
 
 def _dry_run(config: Config, json: bool, quiet: bool) -> int:

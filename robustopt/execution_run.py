@@ -17,14 +17,14 @@ from robustopt.config import Config, load_config
 from robustopt.errors import ConfigError, RobotError, RunFolderError
 from robustopt.execution import Executions, Workers, execute
 from robustopt.execution.outcome import ObjectOutcome, Status, TrialOutcome
-from robustopt.experiment import PlanResult, summary, write_run
+from robustopt.experiment import PLAN, PlanResult, summary, write_run
 from robustopt.problem import build_problem
 from robustopt.robot_model import model_file
 from robustopt.store import CONFIG, PROVENANCE, SUMMARY, plain_data, read_summary, write_json, write_origin
 from robustopt.timescaling import Plan
 from robustopt.timescaling.plan import solved_plan
 
-EXECUTIONS, PLAN = "executions.csv", "plan.csv"
+EXECUTIONS = "executions.csv"
 
 FREE_KEYS = ("execution", "seed")
 """Keys that may be changed when a stored plan is executed: those that no plan depends on."""

@@ -23,6 +23,8 @@ from robustopt.trajectory import binding_shares, joint_trajectory, write_plan_cs
 
 Effort = Literal["quick", "full"]
 
+PLAN = "plan.csv"
+
 
 @dataclass(frozen=True)
 class PlanResult:
@@ -122,13 +124,18 @@ def _diagnosis(diagnosis: Diagnosis) -> dict[str, Any]:
 
 def write_run(result: PlanResult, folder: Path, arguments: Sequence[str]) -> dict[str, Any]:
     """Write the data of a run into a folder and return its summary; figures and report are `report.write_report`."""
-    plan, period = result.plan, result.config.output.period
     write_origin(folder, result.config, model_file(result.config), arguments)
-    if plan.status is Status.SOLVED:
-        write_plan_csv(plan, folder / "plan.csv")
-        write_trajectory_csv(plan, period, folder / "trajectory.csv")
-        message = json.dumps(joint_trajectory(plan, period))
-        (folder / "joint_trajectory.json").write_text(message + "\n", encoding="utf-8")
+    if result.plan.status is Status.SOLVED:
+        write_plan(result, folder)
     data = summary(result)
     write_json(folder / SUMMARY, data)
     return data
+
+
+def write_plan(result: PlanResult, folder: Path) -> None:
+    """Write a plan into a folder: at its grid points, at the controller's period, and as a ROS message."""
+    plan, period = result.plan, result.config.output.period
+    write_plan_csv(plan, folder / PLAN)
+    write_trajectory_csv(plan, period, folder / "trajectory.csv")
+    message = json.dumps(joint_trajectory(plan, period))
+    (folder / "joint_trajectory.json").write_text(message + "\n", encoding="utf-8")

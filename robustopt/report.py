@@ -8,9 +8,12 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from rich import box
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
+
+from robustopt.learning_table import LEGEND, table
 
 if TYPE_CHECKING:
     from robustopt.execution_run import ExecutionResult
@@ -21,15 +24,16 @@ MOST_LIMITS = 8
 
 PAGE = "report.html"
 
-FIGURES = ("trials.svg", "phase_plane.svg", "contacts.svg", "joints*.svg", "accelerations.svg")
+FIGURES = ("learning.svg", "trials.svg", "phase_plane.svg", "contacts.svg", "joints*.svg", "accelerations.svg")
 """Figures of the page in their order; what binds is a table of it already."""
 
-_COLOURS = {"solved": "green", "infeasible": "yellow"}
+_COLOURS = {"solved": "green", "learned": "green", "infeasible": "yellow"}
 
 _STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; color: #222; }
 table { border-collapse: collapse; } td { padding: 0.1rem 1.5rem 0.1rem 0; vertical-align: top; }
 td.share { min-width: 16rem; } td.share div { background: #2a6f97; height: 0.8rem; margin-top: 0.35rem; }
+table.iterations td, th { padding: 0.1rem 0.8rem 0.1rem 0; text-align: right; white-space: nowrap; }
 img { max-width: 100%; } h2 { font-size: 1.1rem; margin: 1.5rem 0 0.3rem; }
 """
 
@@ -51,6 +55,7 @@ def headline(data: Mapping[str, Any]) -> str:
 def sections(data: Mapping[str, Any]) -> list[tuple[str, list[Row]]]:
     """The summary of a run under headings: what binds, certificate, why there is no plan, size, times."""
     parts = [
+        ("Learning", _learning(data["learning"]) if data.get("learning") else []),
         ("Executions", _executions(data["executions"]) if data.get("executions") else []),
         ("What binds, share of the duration", _binding(data.get("binding") or {})),
         ("Certificate", _certificate(data["certificate"]) if data.get("certificate") else []),
@@ -66,6 +71,15 @@ def sections(data: Mapping[str, Any]) -> list[tuple[str, list[Row]]]:
 def rows(values: Mapping[str, Any]) -> list[Row]:
     """Names and values as lines."""
     return [Row(name.replace("_", " "), _cell(value)) for name, value in values.items() if value is not None]
+
+
+def _learning(learning: Mapping[str, Any]) -> list[Row]:
+    names = ("algorithm", "end", "iterations", "plans", "executions")
+    lines = rows({name: learning[name] for name in names})
+    return [
+        *lines,
+        *rows({"success rate aimed at": learning["target_rate"], "confidence": learning["confidence"] or None}),
+    ]
 
 
 def _executions(executions: Mapping[str, Any]) -> list[Row]:
@@ -139,6 +153,8 @@ def print_summary(data: Mapping[str, Any], console: Console, place: Path) -> Non
     """Print the summary of a run and where its files are."""
     console.print(Text(headline(data), style=f"bold {_COLOURS.get(data['status'], 'red')}"))
     console.print(Text(str(data["message"])))
+    if data.get("learning"):
+        console.print(iterations_table(data["learning"]["rows"]))
     for title, lines in sections(data):
         print_rows(title, lines, console)
     console.print(Text.assemble("Files in ", (str(place), "bold")), soft_wrap=True)
@@ -152,6 +168,18 @@ def print_rows(title: str, lines: Sequence[Row], console: Console) -> None:
         table.add_row(f"  {name}", Text(value, justify="right" if share is not None else "left"), bar)
     console.print(Text(f"\n{title}", style="bold"))
     console.print(table)
+
+
+def iterations_table(records: Sequence[Mapping[str, Any]]) -> Table:
+    """The iterations of a learner, a line per plan."""
+    heads, lines = table(records)
+    shown = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    for head in heads:
+        left = head in ("parameters", "Rslt", "Spdup")
+        shown.add_column(head, justify="left" if left else "right", no_wrap=head != "parameters")
+    for line in lines:
+        shown.add_row(*map(Text, line))
+    return shown
 
 
 # As a page ------------------------------------------------------------------------------------------------
@@ -189,10 +217,23 @@ def write_execution_figures(result: ExecutionResult, folder: Path, figures: bool
         write(result.config, traces, result.plan.problem.robot.joint_names, folder / "figures")
 
 
+def write_learning_figures(data: Mapping[str, Any], planned: PlanResult | None, folder: Path) -> None:
+    """Draw what was learned, and the best plan as `plan` draws it."""
+    from robustopt.plotting import write_figures, write_learning_figure
+
+    learning = data["learning"]
+    if learning["rows"]:
+        title = f"{data['name']}: {learning['algorithm']}"
+        write_learning_figure(learning["rows"], learning["target_rate"], title, folder / "figures")
+    if planned is not None:
+        write_figures(planned.plan, planned.config, folder / "figures", planned.certificate)
+
+
 def write_page(data: Mapping[str, Any], folder: Path) -> None:
     """Write the summary of a run and the figures in its folder as one page that needs no other file."""
     title = escape(headline(data))
-    tables = "".join(f"<h2>{escape(name)}</h2>\n{_table(lines)}" for name, lines in sections(data))
+    iterations = _iterations(data["learning"]["rows"]) if data.get("learning") else ""
+    tables = iterations + "".join(f"<h2>{escape(name)}</h2>\n{_table(lines)}" for name, lines in sections(data))
     paths = [path for pattern in FIGURES for path in sorted((folder / "figures").glob(pattern))]
     figures = "".join(_figure(path) for path in paths)
     page = (
@@ -200,6 +241,14 @@ def write_page(data: Mapping[str, Any], folder: Path) -> None:
         f"</head>\n<body><h1>{title}</h1>\n<p>{escape(str(data['message']))}</p>\n{tables}{figures}</body></html>\n"
     )
     (folder / PAGE).write_text(page, encoding="utf-8")
+
+
+def _iterations(records: Sequence[Mapping[str, Any]]) -> str:
+    heads, lines = table(records)
+    head = "".join(f"<th>{escape(name)}</th>" for name in heads)
+    body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in line)}</tr>\n" for line in lines)
+    legend = f"<p>{escape(LEGEND)}</p>\n"
+    return f'<h2>Iterations</h2>\n<table class="iterations"><tr>{head}</tr>\n{body}</table>\n{legend}'
 
 
 def _table(lines: Sequence[Row]) -> str:

@@ -11,8 +11,14 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from robustopt.campaign import Learned
+
 Progress = Callable[[int, int, int], None]
 """Called with the trials done, those asked for, and the successes so far."""
+
+
+GOOD = ("solved", "learned")
+"""Statuses of runs that came out well."""
 
 
 def console(stderr: bool = False) -> Console:
@@ -46,17 +52,76 @@ def trials_bar(silent: bool) -> Iterator[Progress | None]:
         yield update
 
 
+@contextmanager
+def learning_table(silent: bool) -> Iterator[Callable[[Learned], None] | None]:
+    """The iterations so far, where a person is watching, and what is under way."""
+    if silent or not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Group
+    from rich.live import Live
+    from rich.text import Text
+
+    from robustopt.learning_summary import row_record, trial_record
+    from robustopt.report import iterations_table
+
+    with Live(console=console(stderr=True), transient=True, refresh_per_second=8) as live:
+
+        def update(learned: Learned) -> None:
+            records = [row_record(learned, row) for row in learned.rows]
+            under_way = trial_record(learned)
+            if under_way is not None:
+                records.append(under_way)
+            done = f"{learned.learner.name}: {learned.state.executed:,} executions"
+            live.update(Group(Text(done), iterations_table(records)) if records else Text(done))
+
+        yield update
+
+
 def show(data: dict[str, Any], place: Path, json: bool, quiet: bool) -> None:
     """Print the summary of a run; where it is quiet, only what went wrong."""
     if json:
-        failed = {} if data["status"] == "solved" else {"error": {"kind": data["status"], "message": data["message"]}}
+        failed = {} if data["status"] in GOOD else {"error": {"kind": data["status"], "message": data["message"]}}
         print_json({**data, "folder": str(place), **failed})
     elif not quiet:
         from robustopt.report import print_summary
 
         print_summary(data, console(), place)
-    elif data["status"] != "solved":
+    elif data["status"] not in GOOD:
         print(f"{data['name']}: {data['status']}: {data['message']}", file=sys.stderr)
+
+
+def ask(question: str) -> str:
+    """Ask a person; raises EOFError where nobody answers."""
+    print(question, end="", file=sys.stderr, flush=True)
+    answer = sys.stdin.readline()
+    if not answer:
+        raise EOFError
+    return answer
+
+
+def say(text: str) -> None:
+    """Tell a person who is being asked."""
+    print(text, file=sys.stderr, flush=True)
+
+
+def show_runs(records: Sequence[dict[str, Any]], folder: Path) -> None:
+    """Print a table of runs."""
+    if not records:
+        print(f"no runs in {folder}")
+        return
+    from rich import box
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for head in ("folder", "kind", "state", "result", "duration [s]", "created"):
+        justify: Any = "right" if head.startswith("duration") else "left"
+        table.add_column(head, justify=justify, overflow="fold", no_wrap=head != "folder")
+    for record in records:
+        duration = "" if record["duration"] is None else f"{record['duration']:.4f}"
+        cells = (record["folder"], record["kind"], record["state"], record["status"], duration, record["created"][:19])
+        table.add_row(*(str(cell or "") for cell in cells))
+    console().print(table)
 
 
 def print_json(data: dict[str, Any]) -> None:

@@ -217,13 +217,13 @@ def write_plan_csv(plan: Plan, path: FilePath) -> None:
     _write_csv(Trajectory.from_plan(plan).at_gridpoints(), plan.problem.robot.joint_names, path)
 
 
-def write_trajectory_csv(plan: Plan, period: float, path: FilePath) -> None:
-    """Write the plan sampled every `period` seconds as CSV, with the columns of `write_plan_csv`.
+def write_trajectory_csv(plan: Plan, period: float, path: FilePath, speed: float = 1.0) -> None:
+    """Write the plan, run `speed` times as fast, sampled every `period` seconds, with the columns of `write_plan_csv`.
 
     The first sample is at t = 0 and the last exactly at the end; `sample_times` says what becomes of the last
     period, which is rarely a whole one.
     """
-    _write_csv(Trajectory.from_plan(plan).every(period), plan.problem.robot.joint_names, path)
+    _write_csv(Trajectory.from_plan(plan, speed).every(period), plan.problem.robot.joint_names, path)
 
 
 def joint_trajectory(plan: Plan, period: float) -> dict[str, Any]:

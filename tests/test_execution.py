@@ -1,7 +1,7 @@
 """Executions: outcomes against closed forms, what a trial depends on, and what bad input is answered with."""
 
 import os
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 
 import numpy as np
@@ -17,11 +17,13 @@ from robustopt.execution import Status, Workers, execute, monte_carlo
 from robustopt.execution.controller import POSITION_VELOCITY, Gains, gains_of, reference
 from robustopt.execution.disturbance import FORCE, WORLD, forces, generator
 from robustopt.execution.execute import Executions
-from robustopt.execution.feedback import acceleration_error
+from robustopt.execution.feedback import acceleration_error, feedback_of, with_errors
 from robustopt.execution.monte_carlo import Job, cores, run_all, run_trials, share_cores, simulate_trials
+from robustopt.execution.outcome import TrialOutcome
 from robustopt.execution.simulation import Workspace
 from robustopt.execution.trace import trace
 from robustopt.execution.truth import believed_world, true_world, varies
+from robustopt.learning.moments import Moments
 from robustopt.trajectory import Trajectory
 
 FOLLOW = {"controller": {"feedforward": "computed_torque"}}
@@ -163,7 +165,7 @@ def test_the_number_of_workers_changes_no_number(slide, monkeypatch):
 
 def _same(one, other) -> bool:
     """Equal in every number, bit for bit, with nan equal to nan."""
-    return repr(one) == repr(other)
+    return repr(asdict(one)) == repr(asdict(other))
 
 
 def test_a_world_that_varies_is_drawn_about_its_value():
@@ -197,9 +199,11 @@ def test_a_trace_is_the_trial_over_time(slide):
         assert _same(seen.outcome, outcome)
         assert np.abs(seen.tracking_error).max() == outcome.tracking_error
         assert seen.objects["body"].slip.max() == outcome.objects["body"].slip
-        error = (seen.executed - seen.planned)[seen.moving]
-        assert error.mean(axis=0) == pytest.approx(outcome.error_mean)
-        if not outcome.success:
+        error = (seen.executed - seen.planned)[seen.moving & ~(seen.t >= outcome.time)]
+        assert len(error) == outcome.error_steps
+        if outcome.success:
+            assert error.mean(axis=0) == pytest.approx(outcome.error_mean)
+        else:
             assert seen.t[np.argmax(seen.objects["body"].slip > 0.005)] == outcome.time
 
 
@@ -231,7 +235,7 @@ def test_the_acceleration_error_is_what_the_velocity_shows():
     _, plan = on_a_slide(FLAT, 0.5)
     planned = reference(Trajectory.from_plan(plan), 0.001, (0.1, 0.1))
     velocity = np.vstack([np.zeros(1), np.cumsum(planned.qdd + 0.3, axis=0) * 0.001])
-    filtered, raw = acceleration_error(velocity, planned, 0.001)
+    filtered, raw = acceleration_error(velocity, planned.qdd, 0.001)
     assert raw == pytest.approx(np.full_like(raw, 0.3))
     assert filtered == pytest.approx(np.full_like(raw, 0.3))
     t = planned.t[:, None] + 0.1
@@ -239,7 +243,77 @@ def test_the_acceleration_error_is_what_the_velocity_shows():
         wave = 0.2 * np.sin(2 * np.pi * frequency * t)
         swung = np.vstack([np.zeros(1), np.cumsum(planned.qdd + wave, axis=0) * 0.001])
         inner = slice(200, -200)
-        assert acceleration_error(swung, planned, 0.001)[0][inner].std() == pytest.approx(factor * wave.std(), abs=5e-3)
+        assert acceleration_error(swung, planned.qdd, 0.001)[0][inner].std() == pytest.approx(
+            factor * wave.std(), abs=5e-3
+        )
+
+
+def _outcome(status: Status, time: float) -> TrialOutcome:
+    what = "" if status is Status.SUCCESS else "body"
+    return TrialOutcome(0, status, what, time, 0.5, {}, 0.0, 0.0, {}, {})
+
+
+def test_errors_count_while_the_robot_moves_up_to_the_first_failure():
+    """The error is 1 to 0.3 s and a thousand after it, as if the object had hit the arm; standing still it is 5."""
+    _, plan = on_a_slide(FLAT, 0.5)
+    planned = reference(Trajectory.from_plan(plan), 0.001, (0.1, 0.1))
+    error = np.where(planned.moving, np.where(planned.t < 0.3, 1.0, 1000.0), 5.0)[:, None]
+    velocity = np.vstack([np.zeros(1), np.cumsum(planned.qdd + error, axis=0) * 0.001])
+    at = float(planned.t[np.flatnonzero(planned.t >= 0.3)[0]])
+    failed = with_errors(_outcome(Status.SLID, at), velocity, planned, 0.001)
+    assert failed.error_steps == 300
+    assert (failed.error_unfiltered_mean, failed.error_unfiltered_square) == (
+        pytest.approx([1.0]),
+        pytest.approx([1.0]),
+    )
+    assert failed.error_mean == pytest.approx([1.0], abs=0.05)
+    passed = with_errors(_outcome(Status.SUCCESS, np.nan), velocity, planned, 0.001)
+    assert passed.error_steps == planned.moving.sum() > 300
+    early = with_errors(_outcome(Status.TIPPED, -0.05), velocity, planned, 0.001)
+    assert (early.error_steps, early.error_mean) == (0, ())
+    assert with_errors(_outcome(Status.DIVERGED, np.nan), velocity, planned, 0.001).error_steps == 0
+    late = with_errors(_outcome(Status.FELL, plan.duration + 0.05), velocity, planned, 0.001)
+    assert late.error_steps == passed.error_steps
+
+
+def test_the_low_pass_holds_up_to_where_a_trial_is_cut_off():
+    noise = np.random.default_rng(0).standard_normal((4000, 300, 1))
+    ends = np.array(
+        [acceleration_error(np.cumsum(e, axis=0) * 0.001, np.zeros((299, 1)), 0.001)[0][[149, -1]] for e in noise]
+    )
+    middle, end = ends.std(axis=0)
+    assert end[0] < 1.6 * middle[0] < 0.6
+
+
+def test_feedback_weighs_every_sample_the_same():
+    short = replace(
+        _outcome(Status.SLID, 0.1), error_steps=100, error_mean=(3.0,), error_square=(9.0,),
+        error_unfiltered_mean=(3.0,), error_unfiltered_square=(9.0,),
+    )  # fmt: skip
+    long = replace(
+        _outcome(Status.SUCCESS, np.nan), error_steps=300, error_mean=(-1.0,), error_square=(2.0,),
+        error_unfiltered_mean=(-1.0,), error_unfiltered_square=(5.0,),
+    )  # fmt: skip
+    feedback = feedback_of([short, _outcome(Status.DIVERGED, np.nan), long])
+    assert feedback is not None
+    assert (feedback.trials, feedback.samples, feedback.mean) == (2, 400, (0.0,))
+    assert (feedback.deviation[0] ** 2, feedback.unfiltered_deviation[0] ** 2) == (
+        pytest.approx(3.75),
+        pytest.approx(6),
+    )
+    assert feedback_of([_outcome(Status.DIVERGED, np.nan)]) is None
+
+
+def test_the_moments_of_trials_give_the_feedback_of_all(slide):
+    config, plan = slide
+    executions = execute(config, plan, trials=30)
+    trials = [Moments.of_means(o.error_steps, o.error_mean, o.error_square) for o in executions.outcomes]
+    together = sum(trials, Moments())
+    whole = max(o.error_steps for o in executions.outcomes)
+    assert all((o.error_steps == whole) == o.success for o in executions.outcomes)
+    assert together.count == executions.feedback.samples
+    assert together.mean == pytest.approx(executions.feedback.mean)
+    assert together.deviation == pytest.approx(executions.feedback.deviation)
 
 
 def test_feedback_shrinks_with_the_torque_fed_forward():

@@ -11,16 +11,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from scenes import CONFIGS, waiter
+from scenes import CONFIGS
 
 from robustopt import cli, execution_run
 from robustopt.config import load_config
 from robustopt.execution import Status, execute
 from robustopt.execution.video import HEIGHT, STRIP, WIDTH
 from robustopt.execution_run import read_plan
+from robustopt.robot_model import resolve_package
 from robustopt.store import read_summary
 from robustopt.timescaling import solve
 
+SHIPPED = sorted(CONFIGS.glob("*.yaml"))
 WAITER = CONFIGS / "waiter_one_block.yaml"
 QUICK = ("solver.method=reachability", "solver.collocation_points=80", "uncertainty={}", "--no-figures")
 TRUTH = (
@@ -135,6 +137,19 @@ def test_the_file_has_the_outcomes_number_for_number(run, tmp_path):
         assert float(row["friction_block"]) == outcome.friction["block"]
         assert (row["status"], row["what"]) == (outcome.status.value, outcome.what)
         assert row["t"] == ("" if outcome.success else repr(outcome.time))
+
+
+@pytest.mark.parametrize("file", SHIPPED, ids=[file.stem for file in SHIPPED])
+def test_every_shipped_configuration_executes(run, tmp_path, file):
+    config = load_config(file)
+    if config.robot.model.startswith("package://") and resolve_package(config.robot.model) is None:
+        pytest.skip("needs the optional package example-robot-data: pip install robustopt[robots]")
+    assert config.execution is not None
+    assert any(config.execution.disturbance.force_deviation)
+    small = ("solver.method=reachability", "--no-figures")
+    code, _, err = run("execute", file, *small, "--trials", 2, "--speed", 0.9, "--out", "here", "--quiet")
+    assert (code, err) == (0, "")
+    assert read_summary(tmp_path / "here")["executions"]["statuses"] == {"success": 2}
 
 
 def test_an_infeasible_task_is_not_executed(run, tmp_path):
@@ -318,4 +333,3 @@ def test_ctrl_c_keeps_what_was_done(tmp_path, stored, workers):
 
 def test_help_names_the_command(run):
     assert "execute" in run("--help")[1]
-    assert waiter("one_block").execution is None

@@ -102,6 +102,52 @@ class TestDurations:
             assert path.read_bytes() == (tmp_path / path.name).read_bytes()
 
 
+@pytest.fixture(scope="module")
+def learned_tables(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("learned") / "tables"
+    run("reproduce.py", folder, "--only", "table_2")
+    return folder
+
+
+class TestLearnedTables:
+    def test_iterations_are_those_of_the_algorithm(self, learned_tables):
+        lines = read(learned_tables / "table_2.csv")
+        assert [line["result"] for line in lines][-1] == "returned"
+        tried = lines[:-1]
+        assert float(tried[0]["friction"]) == 1.0
+        low, high = 0.0, 1.0
+        for line, following in zip(tried, lines[1:], strict=True):
+            mu = float(line["friction"])
+            low, high = (mu, high) if line["result"] == "S" else (low, mu)
+            assert (float(line["friction_low"]), float(line["friction_high"])) == (low, high)
+            assert int(line["executions"]) == (7 if line["result"] == "S" else 1) or line["result"] == "F"
+            if following["result"] != "returned":
+                assert float(following["friction"]) == (low + high) / 2
+        assert high - low <= 0.05
+
+    def test_what_was_learned_succeeds_at_least_as_often_as_the_papers(self, learned_tables):
+        last = read(learned_tables / "table_2.csv")[-1]
+        rate, interval = last["fresh"].split(" ", 1)
+        assert float(rate) >= float(last["paper_success"]) == 74
+        low, high = interval.strip("[]").split(", ")
+        assert float(low) <= float(rate) <= float(high)
+
+    def test_a_second_run_reads_the_first_again(self, learned_tables):
+        before = {path.name: path.read_bytes() for path in learned_tables.iterdir()}
+        journals = list(learned_tables.parent.rglob("journal.db"))
+        changed = journals[0].stat().st_mtime_ns
+        run("reproduce.py", learned_tables, "--only", "table_2")
+        assert {path.name: path.read_bytes() for path in learned_tables.iterdir()} == before
+        assert len(journals) == 1
+        assert journals[0].stat().st_mtime_ns == changed
+
+    @pytest.mark.slow
+    def test_another_run_gives_the_same_tables(self, learned_tables, tmp_path):
+        run("reproduce.py", tmp_path / "tables", "--only", "table_2", "--workers", "2")
+        for path in learned_tables.iterdir():
+            assert path.read_bytes() == (tmp_path / "tables" / path.name).read_bytes()
+
+
 class TestPlanningBenchmark:
     @pytest.fixture
     def records(self, benchmarks):

@@ -3,18 +3,21 @@
 The executed acceleration is the difference of the joint velocity over a time step, which is what the simulated arm
 really did in that step; the planned one is that of the middle of the step. Their difference is low-passed without
 phase shift, because a plan's acceleration jumps and contacts chatter: what is above the cut-off moves no object.
+
+Samples are the steps of the motion up to the first failure of the trial. What comes after it, an object on the floor or
+against the arm, says nothing of how well the plan is followed; it is cut off before the low-pass.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.signal import butter, filtfilt
 
 from robustopt.execution.controller import Reference
-from robustopt.execution.outcome import TrialOutcome
+from robustopt.execution.outcome import Status, TrialOutcome
 
 Array = np.ndarray
 Values = tuple[float, ...]
@@ -25,9 +28,10 @@ CUTOFF = 50.0
 
 @dataclass(frozen=True)
 class Feedback:
-    """Mean and deviation of the joint acceleration error over all trials and steps of the motion, (n,) [rad/s^2].
+    """Mean and deviation of the joint acceleration error over the samples of all trials, (n,) [rad/s^2].
 
-    mean, deviation: low-passed; unfiltered_mean, unfiltered_deviation: as it is; trials: number they are over
+    mean, deviation: low-passed; unfiltered_mean, unfiltered_deviation: as it is; trials, samples: number of trials, and
+    of steps of all of them together, that they are over
     """
 
     mean: Values
@@ -35,39 +39,61 @@ class Feedback:
     unfiltered_mean: Values
     unfiltered_deviation: Values
     trials: int
+    samples: int
 
 
-def acceleration_error(velocity: Array, planned: Reference, timestep: float) -> tuple[Array, Array]:
+def acceleration_error(velocity: Array, planned: Array, timestep: float) -> tuple[Array, Array]:
     """Executed minus planned joint acceleration in every step, low-passed and unfiltered, (N, n) each.
+
+    velocity: of the joints, before each step and after the last, (N + 1, n); planned: acceleration in the middle of
+    each step (N, n)
+    """
+    error = np.diff(velocity, axis=0) / timestep - planned
+    margin = round(1 / CUTOFF / timestep)
+    if 2 * CUTOFF * timestep >= 1 or len(error) <= margin:
+        return error, error
+    numerator, denominator = butter(2, 2 * CUTOFF * timestep)
+    # Mirrored at the ends: what is added by default, turned about the last sample, would leave that one unfiltered.
+    return np.asarray(filtfilt(numerator, denominator, error, axis=0, padtype="even", padlen=margin)), error
+
+
+def with_errors(outcome: TrialOutcome, velocity: Array, planned: Reference, timestep: float) -> TrialOutcome:
+    """The outcome with the moments of its acceleration errors; without samples where the simulation diverged.
 
     velocity: of the joints, before each step and after the last, (N + 1, n)
     """
-    error = np.diff(velocity, axis=0) / timestep - planned.qdd
-    cutoff = 2 * CUTOFF * timestep
-    if cutoff >= 1 or len(error) <= 9:
-        return error, error
-    numerator, denominator = butter(2, cutoff)
-    return np.asarray(filtfilt(numerator, denominator, error, axis=0)), error
+    if outcome.status is Status.DIVERGED:
+        return outcome
+    end = int(np.searchsorted(planned.t, outcome.time)) if outcome.what else len(planned.t)
+    moving = planned.moving[:end]
+    if not moving.any():
+        return outcome
+    filtered, raw = acceleration_error(velocity[: end + 1], planned.qdd[:end], timestep)
+    mean, square = _moments(filtered[moving])
+    raw_mean, raw_square = _moments(raw[moving])
+    return replace(
+        outcome, error_steps=int(moving.sum()), error_mean=mean, error_square=square,
+        error_unfiltered_mean=raw_mean, error_unfiltered_square=raw_square,
+    )  # fmt: skip
 
 
-def moments(error: Array) -> tuple[Values, Values]:
+def feedback_of(outcomes: Sequence[TrialOutcome]) -> Feedback | None:
+    """The feedback of all trials, every sample counting the same; None without a sample."""
+    some = [outcome for outcome in outcomes if outcome.error_steps]
+    if not some:
+        return None
+    steps = [o.error_steps for o in some]
+    mean, deviation = _pooled(steps, [o.error_mean for o in some], [o.error_square for o in some])
+    unfiltered = _pooled(steps, [o.error_unfiltered_mean for o in some], [o.error_unfiltered_square for o in some])
+    return Feedback(mean, deviation, *unfiltered, trials=len(some), samples=sum(steps))
+
+
+def _moments(error: Array) -> tuple[Values, Values]:
     """Mean and mean square of each column of (M, n)."""
     return tuple(error.mean(axis=0).tolist()), tuple((error**2).mean(axis=0).tolist())
 
 
-def feedback_of(outcomes: Sequence[TrialOutcome]) -> Feedback | None:
-    """The feedback of all trials whose simulation did not diverge; None where there is none."""
-    sound = [outcome for outcome in outcomes if outcome.error_steps]
-    if not sound:
-        return None
-
-    mean, deviation = _mean_and_deviation([o.error_mean for o in sound], [o.error_square for o in sound])
-    unfiltered = _mean_and_deviation(
-        [o.error_unfiltered_mean for o in sound], [o.error_unfiltered_square for o in sound]
-    )
-    return Feedback(mean, deviation, *unfiltered, trials=len(sound))
-
-
-def _mean_and_deviation(means: list[Values], squares: list[Values]) -> tuple[Values, Values]:
-    mean, square = np.mean(means, axis=0), np.mean(squares, axis=0)
+def _pooled(steps: list[int], means: list[Values], squares: list[Values]) -> tuple[Values, Values]:
+    """Mean and deviation of the samples of trials, from number, mean and mean square of each trial's."""
+    mean, square = (np.average(values, axis=0, weights=steps) for values in (means, squares))
     return tuple(mean.tolist()), tuple(np.sqrt(np.maximum(square - mean**2, 0.0)).tolist())

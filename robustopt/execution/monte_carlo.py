@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from robustopt.config_model import Config, ExecutionConfig
 from robustopt.errors import ConfigError, SimulationFailed
 from robustopt.execution.controller import Gains, Reference, computed_torque, controls
 from robustopt.execution.disturbance import CALIBRATION, FORCE, WORLD, calibration, forces, generator
-from robustopt.execution.feedback import acceleration_error, moments
+from robustopt.execution.feedback import with_errors
 from robustopt.execution.outcome import TrialOutcome, judge
 from robustopt.execution.scene import Layout, SceneBuilder
 from robustopt.execution.simulation import Record, Workspace, simulate
@@ -89,21 +89,12 @@ def simulate_trials(job: Job, trials: Sequence[int], threads: int, workspace: Wo
 def outcome_of(job: Job, prepared: Prepared, record: Record, i: int) -> TrialOutcome:
     """The outcome of the trial with index i of a chunk."""
     layout, robot, planned = prepared.layout, prepared.builder.robot, job.planned
-    diverged = bool(record.diverged[i])
     outcome = judge(
         prepared.trials[i], prepared.worlds[i], job.execution.failure, planned, layout.interfaces, robot.joint_names,
         robot.limits.torque, np.abs(joint_positions(record, layout, i) - planned.q - prepared.offsets[i]).max(),
-        record.torque[i][:, layout.dofs], record.sensors[i], diverged,
+        record.torque[i][:, layout.dofs], record.sensors[i], bool(record.diverged[i]),
     )  # fmt: skip
-    if diverged or not planned.moving.any():
-        return outcome
-    filtered, raw = acceleration_error(joint_velocities(record, layout, i), planned, job.execution.timestep)
-    mean, square = moments(filtered[planned.moving])
-    raw_mean, raw_square = moments(raw[planned.moving])
-    return replace(
-        outcome, error_steps=int(planned.moving.sum()), error_mean=mean, error_square=square,
-        error_unfiltered_mean=raw_mean, error_unfiltered_square=raw_square,
-    )  # fmt: skip
+    return with_errors(outcome, joint_velocities(record, layout, i), planned, job.execution.timestep)
 
 
 def joint_positions(record: Record, layout: Layout, i: int) -> Array:

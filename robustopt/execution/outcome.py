@@ -63,8 +63,9 @@ class TrialOutcome:
     status: the first failure in time, or success; what: the object or joint that failed, else empty; time [s] and s:
     of that failure, nan without one; objects: by name; tracking_error: largest distance of a joint from its
     reference [rad or m]; torque: largest part of a joint's limit; friction, mass: true values of the trial, by name;
-    error_mean, error_square, error_unfiltered_mean, error_unfiltered_square: mean and mean square of the acceleration
-    error of each joint (see `feedback`), empty where the simulation diverged; error_steps: steps they are over
+    error_steps: number of samples of the acceleration error, the steps of the motion up to that failure, 0 where the
+    simulation diverged; error_mean, error_square, error_unfiltered_mean, error_unfiltered_square: mean and mean square
+    of the samples of each joint (see `feedback`) (n,) [rad/s^2], [(rad/s^2)^2], empty without a sample
     """
 
     trial: int

@@ -50,7 +50,7 @@ def trace(config: Config, plan: Plan, trial: int, seed: int | None = None, speed
         )
         for name in names
     }
-    error, _ = acceleration_error(joint_velocities(record, layout, 0), planned, job.execution.timestep)
+    error, _ = acceleration_error(joint_velocities(record, layout, 0), planned.qdd, job.execution.timestep)
     return Trace(
         outcome=outcome_of(job, prepared, record, 0),
         t=planned.t,

@@ -8,13 +8,15 @@ from __future__ import annotations
 
 from typing import Any
 
-from robustopt.config_model import LearningConfig
+from robustopt.confidence import Reading
+from robustopt.config_model import FirstBelief, LearningConfig
 from robustopt.errors import ConfigError
 from robustopt.learning.acceleration_interval import AccelerationInterval
 from robustopt.learning.bisection import Bisection
 from robustopt.learning.calibrated import Calibrated
 from robustopt.learning.ilrobs import Ilrobs
-from robustopt.learning.learner import Learner
+from robustopt.learning.learner import Belief, Learner
+from robustopt.learning.moments import ErrorInterval
 
 LEARNERS: tuple[type[Learner[Any]], ...] = (Bisection, AccelerationInterval, Ilrobs, Calibrated)
 
@@ -27,14 +29,32 @@ def learner_of(settings: LearningConfig) -> Learner[Any]:
     Raises ConfigError where the algorithm is none of `LEARNERS`, or a setting does not suit it.
     """
     low, high = settings.friction
+    reading = Reading(settings.reading)
     match settings.algorithm:
         case Bisection.name:
             return Bisection(friction=(low, high), delta=settings.delta, epsilon=settings.epsilon)
         case AccelerationInterval.name:
-            return AccelerationInterval(K=settings.K)
+            return AccelerationInterval(
+                K=settings.K, executions=settings.executions, threshold=settings.threshold,
+                iterations=settings.iterations,
+            )  # fmt: skip
         case Ilrobs.name:
-            return Ilrobs(K=settings.K, friction=(low, high), delta=settings.delta)
+            return Ilrobs(
+                K=settings.K, friction=(low, high), delta=settings.delta, reading=reading, try_upper=settings.try_upper
+            )
         case Calibrated.name:
-            return Calibrated(friction=(low or settings.delta, high))
+            return Calibrated(
+                rate=settings.success_rate, confidence=settings.confidence, friction=(low or settings.delta, high),
+                resolution=settings.resolution, K_values=settings.K_values, futility=settings.futility,
+                patience=settings.patience, first=_first_belief(settings.first),
+            )  # fmt: skip
     names = ", ".join(learner.name for learner in LEARNERS)
     raise ConfigError(f"found {settings.algorithm}; expected one of {names}", key="learning.algorithm")
+
+
+def _first_belief(first: FirstBelief | None) -> Belief | None:
+    if first is None:
+        return None
+    error = first.joint_acceleration
+    mean, deviation = (value if isinstance(value, tuple) else (value,) for value in (error.mean, error.deviation))
+    return Belief(first.friction, ErrorInterval(mean, deviation, error.K))

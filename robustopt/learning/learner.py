@@ -28,11 +28,13 @@ from robustopt.learning.moments import ErrorInterval, Moments, Values
 class Belief:
     """What a plan is made with in place of what the configuration says; None leaves that as it is.
 
-    friction: coefficient of friction of all learned interfaces; error: interval of joint acceleration error
+    friction: coefficient of friction of all interfaces; error: interval of joint acceleration error; parameters: values
+    by key of the configuration
     """
 
     friction: float | None = None
     error: ErrorInterval | None = None
+    parameters: tuple[tuple[str, float], ...] = ()
 
 
 @dataclass(frozen=True)

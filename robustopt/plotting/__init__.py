@@ -5,9 +5,9 @@ Every figure is a `matplotlib.figure.Figure`; nothing here touches pyplot or the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from matplotlib.figure import Figure
 
@@ -16,6 +16,7 @@ from robustopt.config_model import ExecutionConfig
 from robustopt.plotting.bars import contacts_figure, shares_figure
 from robustopt.plotting.executions import accelerations_figure, trials_figure
 from robustopt.plotting.joints import joint_figures
+from robustopt.plotting.learning import learning_figure
 from robustopt.plotting.phase_plane import phase_plane
 from robustopt.plotting.style import house_style, save
 from robustopt.plotting.velocity_limit import velocity_limits
@@ -32,11 +33,13 @@ __all__ = [
     "figures",
     "house_style",
     "joint_figures",
+    "learning_figure",
     "phase_plane",
     "shares_figure",
     "velocity_limits",
     "write_execution_figures",
     "write_figures",
+    "write_learning_figure",
 ]
 
 
@@ -76,6 +79,15 @@ def write_execution_figures(
             "accelerations": accelerations_figure(traces[0], joint_names, config.name),
         }
         return [path for name, figure in drawn.items() for path in save(figure, folder, name)]
+
+
+def write_learning_figure(
+    records: Sequence[Mapping[str, Any]], target_rate: float, title: str, folder: Path
+) -> list[Path]:
+    """Write the figure of a learner's plans, see `learning_figure`, into a folder that is made if it is missing."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with house_style():
+        return save(learning_figure(records, target_rate, title), folder, "learning")
 
 
 def figures(plan: Plan, config: Config, certificate: Certificate | None = None) -> dict[str, Figure]:

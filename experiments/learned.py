@@ -1,0 +1,98 @@
+"""Runs of learners that the tables are made from: begun, continued or read again, in a folder of their own each.
+
+The folders lie below results/work/VERSION, VERSION a hash of the package's source: the same source goes on where it was
+interrupted and does nothing twice; other source begins anew.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import robustopt
+from robustopt.campaign import Learned, learn
+from robustopt.config import Config, load_config
+from robustopt.journal import JOURNAL, Journal
+from robustopt.learning_run import begin, complete, result_of, resumed, write_learning_files
+from robustopt.learning_summary import row_record
+from robustopt.store import SUMMARY
+from robustopt.tasks import PAPER_TASK
+
+ROOT = Path(__file__).resolve().parents[1]
+TABLES = ROOT / "results" / "tables"
+TWO_BLOCKS = ROOT / "configs" / "waiter_two_blocks.yaml"
+
+QUIET: tuple[str, ...] = ()
+"""The paper's world: a random force of 2 N deviation on the tray."""
+
+LUCKY = ("execution.disturbance.force_deviation=[20, 20, 0]", "execution.truth.variation.friction=0.05")
+"""A world where luck matters: a force of 20 N deviation, and friction that varies from trial to trial."""
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Where an experiment works and what it tells people.
+
+    work: folder for its runs; workers: processes; say: what is going on, a line
+    """
+
+    work: Path
+    workers: int = 1
+    say: Callable[[str], None] = lambda _: None
+
+
+def bench(part: str, out: Path = TABLES, workers: int = 1, say: Callable[[str], None] = lambda _: None) -> Bench:
+    """The workplace of an experiment whose tables go to `out`."""
+    return Bench(out.parent / "work" / source_hash() / part, workers, say)
+
+
+def source_hash() -> str:
+    """Hash of all files of the package and of the experiments that decide what a run gives."""
+    package = Path(robustopt.__file__).parent
+    places = [*package.rglob("*.py"), *package.rglob("*.xml"), *package.rglob("*.yaml"), *(ROOT / "configs").glob("*")]
+    digest = hashlib.sha256(sys.version.encode())
+    for path in sorted(places):
+        digest.update(path.relative_to(ROOT).as_posix().encode() + path.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def task(overrides: Sequence[str], path: Path = PAPER_TASK) -> Config:
+    """A configuration with values for keys."""
+    return load_config(path, overrides)
+
+
+def learned(config: Config, name: str, place: Bench) -> Learned:
+    """The run of a learner with this name: begun, continued, or, where it is complete, read again."""
+    folder = place.work / name
+    if not (folder / JOURNAL).is_file():
+        begin(config, folder, ["learn"])
+    resumed(folder, config)
+    journal = Journal.open(folder)
+    try:
+        found = learn(config, journal=journal, workers=place.workers, progress=lambda now: place.say(_line(name, now)))
+        if not (folder / SUMMARY).is_file():
+            complete(folder, write_learning_files(result_of(found, journal), folder))
+    finally:
+        journal.close()
+    return found
+
+
+def _line(name: str, now: Learned) -> str:
+    return f"{name}: plan {len(now.rows) + (not now.finished)}, {now.state.executed:,} executions"
+
+
+def records(found: Learned) -> list[dict[str, Any]]:
+    """The records of all plans of a run."""
+    return [row_record(found, row) for row in found.rows]
+
+
+def success(record: dict[str, Any]) -> str:
+    """The success rate of a record with its interval, in percent."""
+    if record.get("success_rate") is None:
+        return ""
+    low, high = 100 * record["success_low"], 100 * record["success_high"]
+    return f"{100 * record['success_rate']:.1f} [{low:.1f}, {high:.1f}]"

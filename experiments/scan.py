@@ -1,0 +1,128 @@
+"""Brute force: the fastest plan over (mu, K) that reaches a success rate, to hold learned plans against.
+
+A grid of plans is walked from the fastest on. Each is run, in the same fresh trials as all others, until it has too
+many failures to reach the rate in `trials` executions, or its rate is below it beyond doubt.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from learned import Bench
+
+from robustopt.beliefs import Planner
+from robustopt.confidence import upper_bound
+from robustopt.config import Config
+from robustopt.execution.monte_carlo import CHUNK
+from robustopt.executors import Simulated
+from robustopt.journal import JOURNAL, Journal
+from robustopt.learning.learner import Belief
+from robustopt.learning.moments import ErrorInterval
+
+FRESH = 2_000_000_000
+"""Number of the first trial: others than those that learned plans are judged by."""
+
+BEYOND_DOUBT = 0.9999
+"""Confidence with which a plan that is dropped early has a rate below the wanted one."""
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Plans that are tried: friction from low to high, each `ratio` times the one before, and values of K.
+
+    error: the interval whose K is varied
+    """
+
+    error: ErrorInterval
+    low: float
+    high: float
+    ratio: float = 1.03
+    K_values: tuple[float, ...] = (0.0, 1.0, 2.0)
+
+    @property
+    def beliefs(self) -> list[Belief]:
+        count = int(np.log(self.high / self.low) / np.log(self.ratio)) + 1
+        frictions = self.low * self.ratio ** np.arange(count)
+        error = self.error
+        return [
+            Belief(float(mu), ErrorInterval(error.mean, error.deviation, K) if K else ErrorInterval())
+            for K in self.K_values
+            for mu in frictions
+        ]
+
+
+@dataclass(frozen=True)
+class Found:
+    """A plan that reaches the rate: its belief, duration [s], and successes of how many trials."""
+
+    belief: Belief
+    duration: float
+    successes: int
+    trials: int
+
+
+def fastest(config: Config, grid: Grid, rates: Sequence[float], trials: int, name: str, place: Bench) -> list[Found]:
+    """The fastest plan of a grid that reaches each rate, which must ascend; what is known is kept in a journal."""
+    folder = place.work / name
+    folder.mkdir(parents=True, exist_ok=True)
+    if not (folder / JOURNAL).is_file():
+        Journal.create(folder)
+    journal = Journal.open(folder)
+    try:
+        return list(_Walk(config, grid, journal, trials, place).found(rates))
+    finally:
+        journal.close()
+
+
+class _Walk:
+    """Plans of a grid from the fastest to the slowest."""
+
+    def __init__(self, config: Config, grid: Grid, journal: Journal, trials: int, place: Bench) -> None:
+        self.planner, self.executor = Planner(config), Simulated(config, place.workers)
+        self.journal, self.trials, self.place = journal, trials, place
+        self.plans = self._planned(grid)
+        self.order = sorted((i for i, (_, duration) in enumerate(self.plans) if duration), key=self._duration)
+
+    def _planned(self, grid: Grid) -> list[tuple[Belief, float | None]]:
+        known = [(entry.belief, entry.duration) for entry in self.journal.entries()]
+        for i, belief in enumerate(grid.beliefs):
+            if i < len(known):
+                assert known[i][0] == belief
+                continue
+            self.place.say(f"scan, plan {i + 1} of {len(grid.beliefs)}")
+            result = self.planner.plan(belief)
+            known.append((belief, result.plan.duration if result.certified else None))
+            self.journal.add_plan(*known[-1])
+        return known
+
+    def _duration(self, i: int) -> float:
+        return self.plans[i][1] or np.inf
+
+    def found(self, rates: Sequence[float]) -> Iterator[Found]:
+        at = 0
+        for rate in rates:
+            while at < len(self.order) and not self._reaches(self.order[at], rate):
+                at += 1
+            if at == len(self.order):
+                raise SystemExit(f"no plan of the grid reaches a success rate of {rate:g}")
+            i = self.order[at]
+            successes, trials = self._known(i)
+            yield Found(self.plans[i][0], self._duration(i), successes, trials)
+
+    def _known(self, i: int) -> tuple[int, int]:
+        found = self.journal.judgements(i).values()
+        return sum(success for success, _ in found), len(found)
+
+    def _reaches(self, i: int, rate: float) -> bool:
+        successes, done = self._known(i)
+        while True:
+            if done - successes > (1 - rate) * self.trials + 1e-9 or upper_bound(successes, done, BEYOND_DOUBT) < rate:
+                return False
+            if done == self.trials:
+                return True
+            self.place.say(f"scan for {rate:g}: {self._duration(i):.4f} s, {successes} of {done}")
+            numbers = range(FRESH + done, FRESH + min(done + CHUNK, self.trials))
+            self.journal.add_judgements(i, self.executor.run(self.planner.plan(self.plans[i][0]), numbers, 1.0))
+            successes, done = self._known(i)

@@ -1,0 +1,97 @@
+"""The iterations of a learner as a table for people: the paper's columns, and those that its algorithm needs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+RESULTS = {
+    "success": "S",
+    "failure": "F",
+    "undecided": "?",
+    "infeasible": "no plan",
+    "not faster": "-",
+    "not executed": "not run",
+}
+"""How results are shown; the paper has S and F."""
+
+Record = Mapping[str, Any]
+
+
+class Shown(NamedTuple):
+    """A column: its head, and the text of a record in it, empty where the record has nothing for it."""
+
+    head: str
+    text: Callable[[Record], str]
+
+
+def number(key: str, form: str) -> Callable[[Record], str]:
+    """A column that shows a number."""
+
+    def text(record: Record) -> str:
+        value = record.get(key)
+        return "" if value is None else format(value, form)
+
+    return text
+
+
+def _result(record: Record) -> str:
+    result = record.get("result")
+    return RESULTS.get(str(result), str(result)) if result is not None else "..."
+
+
+def _sped_up(record: Record) -> str:
+    faster = record.get("sped_up")
+    return "" if faster is None else "S" if faster else "F"
+
+
+def _executions(record: Record) -> str:
+    executions = record.get("executions", 0)
+    return f"{record.get('successes', 0)}/{executions - (record.get('sped_up') is not None)}" if executions else ""
+
+
+def _errors(record: Record) -> str:
+    width = record.get("planned_half_width") or ()
+    share = "" if record.get("share") in (None, 1.0) else f" x{record['share']:g}"
+    return f"{max(width):.2f}{share}" if any(width) else ""
+
+
+def _fresh(record: Record) -> str:
+    if record.get("success_rate") is None:
+        return ""
+    low, high = 100 * record["success_low"], 100 * record["success_high"]
+    return f"{100 * record['success_rate']:.0f} % ({low:.0f}-{high:.0f})"
+
+
+def _parameters(record: Record) -> str:
+    return ", ".join(f"{key.split('.', 1)[-1]} {value:.4g}" for key, value in (record.get("parameters") or {}).items())
+
+
+COLUMNS = (
+    Shown("Iter", number("iteration", "d")),
+    Shown("mu", number("friction", ".4g")),
+    Shown("parameters", _parameters),
+    Shown("+-err", _errors),
+    Shown("Time", number("duration", ".3f")),
+    Shown("Rslt", _result),
+    Shown("Spdup", _sped_up),
+    Shown("upp", number("friction_high", ".4g")),
+    Shown("low", number("friction_low", ".4g")),
+    Shown("best", number("incumbent", ".4f")),
+    Shown("bound", number("lower_bound", ".4f")),
+    Shown("S/n", _executions),
+    Shown("luck", number("bad_luck", ".2f")),
+    Shown("fresh", _fresh),
+)
+LEGEND = (
+    "Iter to low: the columns of the paper's Table 1 (Rslt S success, F failure; upp and low bound mu). +-err: widest "
+    "interval of the acceleration error that was planned for [rad/s^2]; S/n: successes of executions; luck: "
+    "probability that a plan which failed meets the success rate all the same; fresh: successes of fresh executions."
+)
+
+
+def table(records: Sequence[Record]) -> tuple[list[str], list[list[str]]]:
+    """Heads and lines; columns that are empty in every line are left out."""
+    lines = [[column.text(record) for column in COLUMNS] for record in records]
+    used = [i for i in range(len(COLUMNS)) if any(line[i] for line in lines)]
+    return [COLUMNS[i].head for i in used], [[line[i] for i in used] for line in lines]

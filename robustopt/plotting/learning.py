@@ -1,0 +1,94 @@
+"""How a learner came to its plan: the interval that shrinks, the duration and the success of every plan it tried."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from robustopt.plotting.style import BLUE, GREEN, GREY, INK, VERMILLION
+
+Record = Mapping[str, Any]
+
+MARKS = {
+    "success": ("o", GREEN), "failure": ("x", VERMILLION), "undecided": ("x", GREY), "infeasible": ("s", GREY),
+    "not faster": (".", GREY), "not executed": ("D", BLUE),
+}  # fmt: skip
+"""Marker and colour of each result."""
+
+
+def learning_figure(records: Sequence[Record], target_rate: float, title: str) -> Figure:
+    """What was believed, how long the plan was, and how often it succeeds, for every plan in order.
+
+    records: of the plans, as in the summary of a run; target_rate: success rate that the learner aims at
+    """
+    panels = [_beliefs, _durations]
+    if any(record.get("success_rate") is not None for record in records):
+        panels.append(_successes)
+    figure = Figure(figsize=(max(5.0, 1.5 + 0.28 * len(records)) + 1.6, 1.0 + 1.9 * len(panels)))
+    axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+    for panel, axis in zip(panels, axes, strict=True):
+        panel(axis, records)
+    if len(panels) == 3:
+        axes[2].axhline(100 * target_rate, color=INK, linewidth=0.8, linestyle="--")
+    axes[-1].set_xlabel("plan")
+    axes[-1].set_xlim(0.4, len(records) + 0.6)
+    axes[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
+    _legend(axes[0], records)
+    figure.suptitle(title, x=0.01, ha="left")
+    return figure
+
+
+def _beliefs(axis: Axes, records: Sequence[Record]) -> None:
+    """The interval of the coefficient of friction, or the widest interval of the acceleration error."""
+    if any(record.get("friction_high") is not None for record in records):
+        edges = 0.5 + np.arange(len(records) + 1)
+        low, high = ([record[key] for record in records] for key in ("friction_low", "friction_high"))
+        axis.stairs(high, edges, baseline=low, fill=True, color=BLUE, alpha=0.15)
+        axis.stairs(high, edges, baseline=None, color=BLUE, linewidth=1.0)
+        axis.stairs(low, edges, baseline=None, color=BLUE, linewidth=1.0)
+        _mark(axis, records, [record["friction"] for record in records])
+        axis.set_ylabel("coefficient of friction")
+    elif any(record.get("incumbent") is not None for record in records):
+        x = 1 + np.arange(len(records))
+        for key, colour, label in (("incumbent", GREEN, "best so far"), ("lower_bound", BLUE, "lower bound")):
+            values = [np.nan if record.get(key) is None else record[key] for record in records]
+            axis.step(x, values, where="post", color=colour, linewidth=1.2, label=label)
+        axis.set_ylabel("duration [s]")
+    else:
+        _mark(axis, records, [max(record["planned_half_width"], default=0.0) for record in records])
+        axis.set_ylabel("error interval, +- [rad/s²]")
+
+
+def _durations(axis: Axes, records: Sequence[Record]) -> None:
+    _mark(axis, records, [np.nan if record["duration"] is None else record["duration"] for record in records])
+    axis.set_ylabel("duration [s]")
+
+
+def _successes(axis: Axes, records: Sequence[Record]) -> None:
+    for i, record in enumerate(records):
+        if record.get("success_rate") is not None:
+            low, high = 100 * record["success_low"], 100 * record["success_high"]
+            axis.plot([i + 1, i + 1], [low, high], color=GREY, linewidth=3.0, solid_capstyle="butt", zorder=1)
+    rates = [np.nan if record.get("success_rate") is None else 100 * record["success_rate"] for record in records]
+    _mark(axis, records, rates)
+    axis.set_ylim(-4, 104)
+    axis.set_ylabel("fresh successes [%]")
+
+
+def _mark(axis: Axes, records: Sequence[Record], values: Sequence[float]) -> None:
+    axis.plot(1 + np.arange(len(records)), values, color=INK, linewidth=0.6, zorder=1)
+    for i, (record, value) in enumerate(zip(records, values, strict=True)):
+        marker, colour = MARKS[record["result"]]
+        axis.plot(i + 1, value, marker=marker, color=colour, markersize=6, zorder=2)
+
+
+def _legend(axis: Axes, records: Sequence[Record]) -> None:
+    for result in dict.fromkeys(record["result"] for record in records):
+        marker, colour = MARKS[result]
+        axis.plot([], [], marker=marker, color=colour, linestyle="none", label=result)
+    axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
