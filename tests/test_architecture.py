@@ -37,6 +37,7 @@ LAYERS = [
     ["problem"],
     ["timescaling"],
     ["diagnosis", "certificate", "trajectory"],
+    ["foot_forces"],
     ["confidence"],
     ["execution"],
     ["learning"],
