@@ -34,6 +34,7 @@ LAYERS = [
     ["polygons"],
     ["rows"],
     ["walking"],
+    ["load_sharing"],
     ["problem"],
     ["timescaling"],
     ["diagnosis", "certificate", "trajectory"],

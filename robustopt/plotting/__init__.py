@@ -114,7 +114,7 @@ def _contacts(plan: Plan, config: Config, title: str, certificate: Certificate |
         return {
             "feet": feet_figure(plan, title),
             "footprints": footprints_figure(plan, title),
-            "contacts": contacts_figure(times, utilisation, title, worst),
+            "contacts": contacts_figure(times, utilisation, title, worst, "planned forces at the least friction"),
         }
     if not config.objects:
         return {}
