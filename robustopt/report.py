@@ -24,7 +24,10 @@ MOST_LIMITS = 8
 
 PAGE = "report.html"
 
-FIGURES = ("learning.svg", "trials.svg", "phase_plane.svg", "contacts.svg", "joints*.svg", "accelerations.svg")
+FIGURES = (
+    "learning.svg", "trials.svg", "phase_plane.svg", "feet.svg", "footprints.svg", "contacts.svg", "joints*.svg",
+    "accelerations.svg",
+)  # fmt: skip
 """Figures of the page in their order; what binds is a table of it already."""
 
 _COLOURS = {"solved": "green", "learned": "green", "infeasible": "yellow"}

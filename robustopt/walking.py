@@ -56,8 +56,9 @@ class StandingTorque:
     """Joint torques of a robot on its feet, rows divided by their limits: first +tau_j, then -tau_j, the base without.
 
     B: rows over the load (P, 2n, n), 0 where they depend on how two feet share it; known: which do not (P, n); loads:
-    W; systems: of each stance; standing: index of the stance at each grid point (P,), that of one foot at a switch;
-    rows: found so far for loads that both feet share; dynamics, limit: of the joints (n,) [N m]
+    W; contacts: of each stance; standing: index of the stance at each grid point (P,), that of one foot at a switch;
+    dynamics, limit: of the joints (n,) [N m]; soles: contact points of each foot around its middle that the planner
+    counts on (k, 2) [m]; rows: found so far for loads that both feet share
     """
 
     B: Array
@@ -67,6 +68,7 @@ class StandingTorque:
     standing: Array
     dynamics: WalkerDynamics
     limit: Array
+    soles: Mapping[str, Array]
     rows: tuple[SharedRow, ...] = ()
 
     @property
@@ -133,7 +135,7 @@ def walking_families(
     )
     coefficients, shift = friction(config), contact_shift(config)
     soles = {name: sole(foot.points, shift[name], name) for name, foot in walker.feet.items()}
-    borders = [int(k) for k in np.searchsorted(s, np.r_[0.0, path.switches, 1.0])]
+    borders = np.searchsorted(s, np.concatenate([[0.0], path.switches, [1.0]])).tolist()
     weight = STANDARD_GRAVITY * walker.mass
     systems = [stance_system(stance, soles, coefficients, config.contact.cone_edges) for stance in path.stances]
     contacts = tuple(
@@ -145,11 +147,16 @@ def walking_families(
         for k, family in enumerate(contacts):
             if (len(family.system.interfaces) == 1) is single:
                 standing[family.first : family.last + 1] = k
-    return motion, contacts, _torque(walker, motion.dynamics, loads, contacts, standing)
+    return motion, contacts, _torque(walker, motion.dynamics, loads, contacts, standing, soles)
 
 
 def _torque(
-    walker: Walker, dynamics: WalkerDynamics, loads: Loads, contacts: tuple[ContactFamily, ...], standing: Array
+    walker: Walker,
+    dynamics: WalkerDynamics,
+    loads: Loads,
+    contacts: tuple[ContactFamily, ...],
+    standing: Array,
+    soles: Mapping[str, Array],
 ) -> StandingTorque:
     points, n = dynamics.force_u.shape
     rows = np.zeros((points, n, n))
@@ -167,7 +174,7 @@ def _torque(
     rows *= known[:, :, None]
     limit = walker.limits.torque
     B = np.concatenate([rows, -rows], axis=1) / np.r_[limit, limit][:, None]
-    return StandingTorque(B, known, loads, contacts, standing, dynamics, limit)
+    return StandingTorque(B, known, loads, contacts, standing, dynamics, limit, soles)
 
 
 # The load -------------------------------------------------------------------------------------------------

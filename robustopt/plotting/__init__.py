@@ -15,6 +15,7 @@ from robustopt.certificate import interface_utilisation
 from robustopt.config_model import ExecutionConfig
 from robustopt.plotting.bars import contacts_figure, shares_figure
 from robustopt.plotting.executions import accelerations_figure, trials_figure
+from robustopt.plotting.feet import feet_figure, foot_utilisation, footprints_figure
 from robustopt.plotting.joints import joint_figures
 from robustopt.plotting.learning import learning_figure
 from robustopt.plotting.phase_plane import phase_plane
@@ -107,10 +108,17 @@ def figures(plan: Plan, config: Config, certificate: Certificate | None = None) 
 
 def _contacts(plan: Plan, config: Config, title: str, certificate: Certificate | None) -> dict[str, Figure]:
     """The figure of the contacts, if there are any."""
-    if not config.objects:  # of a robot on its feet, or of an empty tray
+    worst = {} if certificate is None else _worst_utilisation(certificate)
+    if config.walks:
+        times, utilisation = foot_utilisation(config, plan)
+        return {
+            "feet": feet_figure(plan, title),
+            "footprints": footprints_figure(plan, title),
+            "contacts": contacts_figure(times, utilisation, title, worst, "planned forces at the least friction"),
+        }
+    if not config.objects:
         return {}
     times, utilisation = interface_utilisation(config, plan)
-    worst = {} if certificate is None else _worst_utilisation(certificate)
     return {"contacts": contacts_figure(times, utilisation, title, worst)}
 
 

@@ -15,6 +15,7 @@ import highspy
 import numpy as np
 
 from robustopt.config_model import BASE_COORDINATES as BASE
+from robustopt.load_sharing import distribute
 from robustopt.rows import evaluate, worst_wrench
 from robustopt.walking import SharedRow, StandingTorque
 
@@ -26,12 +27,15 @@ VIOLATION = 1e-7
 PENALTY = 1e3
 """Of what is missing of a wrench: more than any torque row gains from it."""
 
+MISS = 1e-5
+"""Fraction of the weight by which explicit forces may miss the wrench, a thousandth of what half a torque limit is."""
+
 ROUNDS = 4
 """A dual changes which parameters are worst, they may have another dual."""
 
 DOUBTFUL = 0.5
-"""A program whose row has more than this fraction of the limit in reserve, for the parameters that are worst for it, is
-not solved again for these."""
+"""A program is not solved where explicit forces leave the joints more than this fraction of their limits in reserve, and
+not again for the parameters that are worst for its row if these do."""
 
 
 class SharingProgram:
@@ -108,15 +112,18 @@ def missing_shared_rows(
 
     counted: (n,) which joints' limits count; points, u, x: (M,)
     """
-    shared = np.flatnonzero(~torque.known[points].all(axis=1))
+    shared = np.flatnonzero((~torque.known[points] & counted).any(axis=1))
+    shared = shared[_explicit_use(torque, counted, points[shared], u[shared], x[shared]) > 1.0 - DOUBTFUL]
     loads = torque.loads.at(points[shared])
     affine = np.stack([u[shared], x[shared], np.ones(len(shared))], axis=1)
     nominal = np.einsum("mdk,mk->md", loads.middle(), affine)
     found, solved = [], 0
+    programs: dict[int, tuple[SharingProgram, Array]] = {}
     for k, i in enumerate(shared):
-        program, legs = program_at(torque, int(points[i]), counted)
-        if not len(legs):
-            continue
+        point = int(points[i])
+        if point not in programs:
+            programs[point] = program_at(torque, point, counted)
+        program, legs = programs[point]
         load, here, at = nominal[k], loads.at(np.array([k])), (u[i : i + 1], x[i : i + 1])
         best = -np.inf
         for _ in range(ROUNDS):
@@ -127,8 +134,32 @@ def missing_shared_rows(
             none = np.zeros((0, 0, 0))
             value = float(evaluate(row[None], here, none, none, *at)[0, 0]) + constant
             if value > VIOLATION and np.any(on_torque):
-                found.append(SharedRow(int(points[i]), row, constant, int(legs[np.argmax(np.abs(on_torque))])))
+                found.append(SharedRow(point, row, constant, int(legs[np.argmax(np.abs(on_torque))])))
             if value <= max(best, -DOUBTFUL) + VIOLATION:
                 break
             best, load = value, worst_wrench(here, row[None], *at)[0]
     return found, solved
+
+
+def _explicit_use(torque: StandingTorque, counted: Array, points: Array, u: Array, x: Array) -> Array:
+    """Share of their limits that the joints of the legs use with the smallest contact forces, for the parameters at the
+    middle of their intervals, (M,); infinite where the forces miss the wrench. points, u, x: (M,) on both feet."""
+    affine = np.stack([u, x, np.ones(len(u))], axis=1)
+    load = np.einsum("mdk,mk->md", torque.loads.middle()[points], affine)
+    use = np.empty(len(points))
+    for k in np.unique(torque.standing[points]):
+        here, system = np.flatnonzero(torque.standing[points] == k), torque.contacts[k].system
+        every = np.ones((len(here), system.generators.shape[1]))
+        center = np.array([-system.generators[4].mean(), system.generators[3].mean(), 0.0])
+        wrench = load[here, :BASE].copy()
+        wrench[:, 3:] -= np.cross(center, wrench[:, :3])
+        forces, miss = distribute(system.about([center]).generators, every, wrench, torque.contacts[k].weight)
+        left = load[here].copy()
+        size = system.generators.shape[1] // len(system.interfaces)
+        for f, name in enumerate(system.interfaces):
+            part = slice(f * size, (f + 1) * size)
+            push = forces[:, part] @ system.generators[:, part].T
+            left -= (np.swapaxes(torque.dynamics.jacobians[name][points[here]], 1, 2) @ push[:, :, None])[:, :, 0]
+        shares = np.abs(left / torque.limit)[:, counted & ~torque.known[points[here[0]]]]
+        use[here] = np.where(miss > MISS, np.inf, shares.max(axis=1))
+    return use
