@@ -94,7 +94,7 @@ def _references(config: Config, names: Collection[str]) -> Iterator[Finding]:
             ((*truth, "variation", "friction"), varied.friction, interfaces),
             ((*truth, "variation", "mass"), varied.mass, bodies),
             ((*truth, "variation", "center_of_mass"), varied.center_of_mass, bodies),
-            (("execution", "disturbance", "on"), {execution.disturbance.on: None}, bodies),
+            (("execution", "disturbance", "on"), {execution.disturbance.on or "tray": None}, bodies),
         ]
     if config.walks:
         per_name = [item for item in per_name if item[2] is not bodies]

@@ -279,10 +279,10 @@ class VariationConfig(Section):
         "under it (`default` for the rest)",
     )
     mass: dict[str, NonNegative] = Field(
-        default={}, description="deviation of the mass, by object name or `tray`; the inertia scales with it [kg]"
+        default={}, description="deviation of the mass, by name as in truth.mass; the inertia scales with it [kg]"
     )
     center_of_mass: dict[str, tuple[NonNegative, NonNegative, NonNegative]] = Field(
-        default={}, description="deviation of the centre of mass along x, y, z, by object name or `tray` [m]"
+        default={}, description="deviation of the centre of mass along x, y, z, by name as in truth.mass [m]"
     )
 
 
@@ -293,19 +293,20 @@ class TruthConfig(Section):
         "(`default` for the rest); without it what the planner believes",
     )
     mass: dict[str, Mass] = Field(
-        default={}, description="true mass, which scales the inertia, by object name or `tray` [kg]"
+        default={},
+        description="true mass, which scales the inertia, by object name or `tray`, of a robot on its feet by body [kg]",
     )
     center_of_mass: dict[str, Point3] = Field(
-        default={}, description="true centre of mass in the object's (or the tray's) frame, by name [m]"
+        default={}, description="true centre of mass in the frame of the object, the tray or the body, by name [m]"
     )
     inertia: dict[str, Vector3 | Vector6] = Field(
         default={},
-        description="true inertia about the centre of mass, by object name or `tray`, as in objects; it does not "
+        description="true inertia about the centre of mass, by name as in mass, in the form of objects; it does not "
         "scale with the mass [kg m^2]",
     )
     contact_inset: dict[str, Distance] = Field(
         default={},
-        description="how much smaller than its shape the base of an object is on every side, by object name [m]",
+        description="how much smaller than its shape the base of an object, or a foot, is on every side, by name [m]",
     )
     variation: VariationConfig = Field(
         default=VariationConfig(), description="how true values vary from trial to trial about those above"
@@ -322,10 +323,11 @@ class ControllerConfig(Section):
     kd: NonNegative | tuple[NonNegative, ...] | None = Field(
         default=None, description="derivative gain, one value or one per joint [N m s/rad or N s/m]"
     )
-    feedforward: Literal["gravity", "computed_torque"] = Field(
-        default="gravity",
+    feedforward: Literal["gravity", "computed_torque"] | None = Field(
+        default=None,
         description="torque that is added to that of the gains: gravity compensation of arm and tray, or also the "
-        "torque that the planned motion takes with the load that the planner believes",
+        "torque that the planned motion takes with the load that the planner believes; without it the first, for a "
+        "robot on its feet the second, with the planned contact forces",
     )
 
 
@@ -333,7 +335,11 @@ class DisturbanceConfig(Section):
     force_deviation: tuple[NonNegative, NonNegative, NonNegative] = Field(
         default=(0.0, 0.0, 0.0), description="standard deviation of a random force along the world's x, y, z [N]"
     )
-    on: str = Field(default="tray", description="what the force acts on, in its centre of mass: `tray` or an object")
+    on: str | None = Field(
+        default=None,
+        description="what the force acts on, in its centre of mass: `tray` or an object, of a robot on its feet any "
+        "body; without it the tray, or the floating base",
+    )
     hold: Positive = Field(default=0.001, description="time for which a drawn force is held [s]")
     calibration_deviation: NonNegative | tuple[NonNegative, ...] = Field(
         default=0.0,
@@ -355,6 +361,19 @@ class FailureConfig(Section):
     )
     saturation: NonNegative = Field(
         default=0.01, description="a joint torque may stay at its limit for this long without a break [s]"
+    )
+    foot_slip: Positive = Field(
+        default=0.01,
+        description="a standing foot has slipped when one of its contact points has moved this far on the floor [m]",
+    )
+    trunk_tilt: Positive = Field(
+        default=0.7853981633974483,
+        description="a robot on its feet has fallen when its floating base is this far from upright [rad]",
+    )
+    trunk_drop: Positive = Field(
+        default=0.35,
+        lt=1,
+        description="it has also fallen when its base is lower than planned by this part of the planned height",
     )
 
 

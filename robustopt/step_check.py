@@ -46,6 +46,10 @@ def _without_tray(config: Config) -> Iterator[Finding]:
     for key, given in foreign:
         if given:
             yield key, "found it together with path.steps; a robot on its feet carries nothing and moves all its joints"
+    execution = config.execution
+    if execution is not None and execution.controller.feedforward == "gravity":
+        message = "found gravity with path.steps; expected computed_torque: without the torque of its contact forces a "
+        yield ("execution", "controller", "feedforward"), message + "robot on its feet falls"
     least = POINTS_PER_PHASE * (2 * len(config.path.steps or ()) + 1)
     if config.solver.collocation_points < least:
         found = f"found {config.solver.collocation_points}"

@@ -1,0 +1,332 @@
+"""The simulated world of a robot on its feet: its model with true parameters on a level floor, under its controller.
+
+The contacts are those of the model file, a few spheres under each foot, with the true friction of that foot. A standing
+foot has slipped when one of its contact points that touch the floor has moved; one that has just landed takes up its
+load first. The robot has fallen when its floating base, the trunk, is too far from upright or too low.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from robustopt.config_model import BASE_COORDINATES as BASE
+from robustopt.config_model import Config, FailureConfig, TruthConfig
+from robustopt.errors import ConfigError
+from robustopt.execution.controller import Gains, JointLayout, Reference, controls
+from robustopt.execution.outcome import Criterion, Motion, Status
+from robustopt.execution.scene import PREFIX, View, add_sky, compiled, set_inertia
+from robustopt.execution.simulation import Record, joint_velocities
+from robustopt.execution.truth import TrueBody, World, believed_friction
+from robustopt.footsteps import Stance, footsteps
+from robustopt.robot_model import model_file, read_model
+from robustopt.walker import Walker, load_walker
+
+Array = np.ndarray
+
+FLOOR = PREFIX + "floor"
+
+TOUCHING = 1e-3
+"""A contact point lower than this touches the floor [m]: contacts are soft, and a landing foot is not quite level."""
+
+LANDING = 0.15
+"""Part of a phase for which a foot that has landed may still move: it carries next to nothing (our choice)."""
+
+DISTANCE, AZIMUTH, ELEVATION = 1.9, 125.0, -12.0
+"""Place of the camera: from the trunk's path [m], about the vertical and above the horizon [deg]."""
+
+CONTACT_FIELDS = (mujoco.mjtConDataField.mjCONDATA_FORCE, mujoco.mjtConDataField.mjCONDATA_TORQUE,
+                  mujoco.mjtConDataField.mjCONDATA_POS)  # fmt: skip
+NET_FORCE = 3
+"""MuJoCo's number for the sum of all contact forces of a sensor."""
+
+
+@dataclass(frozen=True)
+class WalkerLayout(JointLayout):
+    """Where things are in the arrays of a compiled scene; bodies: all of the robot.
+
+    feet: first index in the sensor data of each foot: pose of its sole (3 + 4), then force, moment and place of its
+    contact force on the floor (3 + 3 + 3), all in the world
+    """
+
+    feet: Mapping[str, int]
+
+
+@dataclass(frozen=True)
+class FootContact:
+    """What the floor does to a foot at the start of each step: force (N, 3) [N] and the place in the plane where it acts,
+    the centre of pressure (N, 2) [m], world; nan without a force."""
+
+    force: Array
+    center_of_pressure: Array
+
+
+@dataclass(frozen=True)
+class Stand:
+    """A time in which a foot stands in one place: from `begin` to `end` in s, or to the end of the trial."""
+
+    begin: float
+    end: float
+
+
+class WalkerScene:
+    """The world of a robot on its feet (see `scenes.Scene`); its coordinates are those of `walker`."""
+
+    driven = slice(BASE, None)
+
+    def __init__(self, config: Config, gains: Gains, timestep: float) -> None:
+        self.walker: Walker = load_walker(config)
+        self.joint_names = self.walker.joint_names[BASE:]
+        self.torque_limit = self.walker.limits.torque[BASE:]
+        self._truth = (config.execution.truth if config.execution is not None else None) or TruthConfig()
+        self._stands = stands(footsteps(config).stances, list(self.walker.feet))
+        self._base = self._with_controller(config, gains, timestep)
+        self.pushed = self._base.joints[0].parent.name
+        self.believed = World(believed_friction(config), self._named_bodies())
+
+    def model(self, world: World, sky: bool = False) -> mujoco.MjModel:
+        """The compiled world; `sky`: with a light background, for pictures."""
+        spec = self._base.copy()
+        if sky:
+            add_sky(spec)
+            _add_tiles(spec)
+        for name, body in world.bodies.items():
+            set_inertia(spec.body(name), body)
+        for name, mu in world.friction.items():
+            for sphere in _soles(spec, name):
+                sphere.friction = [mu, *sphere.friction[1:]]
+        return compiled(spec)
+
+    def layout(self, model: mujoco.MjModel) -> WalkerLayout:
+        """Where things are in a model of this scene."""
+        joints = [model.joint(name) for name in self.joint_names]
+        actuators = [model.actuator(PREFIX + name).id for name in self.joint_names]
+        return WalkerLayout(
+            joints=np.array([joint.qposadr[0] for joint in joints]),
+            dofs=np.array([joint.dofadr[0] for joint in joints]),
+            control=model.actuator_ctrladr[actuators],
+            bodies={model.body(k).name: k for k in range(1, model.nbody)},
+            feet={name: int(model.sensor(f"{PREFIX}{name}_mjSENS_FRAMEPOS").adr[0]) for name in self.walker.feet},
+        )
+
+    def start(self, layout: WalkerLayout, q: Array, size: int) -> Array:
+        """qpos (size,) at coordinates q (n,), but as high that the lowest contact point touches the floor."""
+        qpos = self.walker.qpos(q[None])[0]
+        qpos[2] -= min(float(points[..., 2].min()) for points in self.walker.soles(q[None]).values())
+        return qpos
+
+    def controls(self, model: mujoco.MjModel, layout: WalkerLayout, planned: Reference) -> Array:
+        """Control inputs at every time step, (N, nu)."""
+        assert planned.torque is not None, "a robot on its feet is executed with the torque of its plan"
+        joints = Reference(planned.t, planned.s, planned.q[:, BASE:], planned.qd[:, BASE:], planned.qdd, planned.moving)
+        return controls(model, layout, joints, planned.torque[:, BASE:])
+
+    def velocities(self, layout: WalkerLayout, record: Record, i: int) -> Array:
+        """Rates of the coordinates of a trial, (N + 1, n): the base's, then the joints'."""
+        qpos = np.vstack([record.start_qpos[i, : BASE + 1], record.qpos[i, :, : BASE + 1]])
+        qvel = np.vstack([record.start_qvel[i, :BASE], record.qvel[i, :, :BASE]])
+        return np.column_stack(
+            [qvel[:, :3], _turning(qpos[:, 3:], qvel[:, 3:]), joint_velocities(record, layout.dofs, i)]
+        )
+
+    def motions(self, layout: WalkerLayout, planned: Reference, record: Record, i: int) -> dict[str, Motion]:
+        """Movement of both feet while they stand, and of the trunk against the plan."""
+        motions = {
+            name: self._foot_motion(name, planned.s, record.sensors[i][:, at : at + 7])
+            for name, at in layout.feet.items()
+        }
+        qpos = np.vstack([record.start_qpos[i, : BASE + 1], record.qpos[i, :-1, : BASE + 1]])
+        x, y = qpos[:, 4], qpos[:, 5]
+        none = np.full(len(qpos), np.nan)
+        tilt = np.arccos(np.clip(1.0 - 2.0 * (x * x + y * y), -1.0, 1.0))
+        return motions | {self.pushed: Motion(none, tilt, planned.q[:, 2] - qpos[:, 2], none)}
+
+    def contacts(self, layout: WalkerLayout, record: Record, i: int) -> dict[str, FootContact]:
+        """What the floor does to each foot in a trial."""
+        found = {}
+        for name, at in layout.feet.items():
+            force, moment, place = np.split(record.sensors[i][:, at + 7 : at + 16].copy(), 3, axis=1)
+            force, moment = -force, -moment  # the sensor has what the foot does to the floor
+            lift = np.where(force[:, 2] > 0, force[:, 2], np.nan)
+            x = place[:, 0] - (moment[:, 1] + place[:, 2] * force[:, 0]) / lift
+            y = place[:, 1] + (moment[:, 0] - place[:, 2] * force[:, 1]) / lift
+            found[name] = FootContact(force, np.column_stack([x, y]))
+        return found
+
+    def criteria(self, failure: FailureConfig) -> dict[str, tuple[Criterion, ...]]:
+        """Feet slip, the trunk falls."""
+        slips = (Criterion(Status.SLIPPED, "slip", failure.foot_slip),)
+        drop = failure.trunk_drop * float(self.walker.posture[2])
+        falls = (Criterion(Status.FELL, "tilt", failure.trunk_tilt), Criterion(Status.FELL, "drop", drop))
+        return dict.fromkeys(self.walker.feet, slips) | {self.pushed: falls}
+
+    def view(self, layout: WalkerLayout, qpos: Array) -> View:
+        """A camera that sees the whole way of the robot."""
+        way = qpos[::100, :3]
+        return View(0.5 * (way.min(axis=0) + way.max(axis=0)), DISTANCE, AZIMUTH, ELEVATION)
+
+    # What happened ----------------------------------------------------------------------------------------
+
+    def _foot_motion(self, name: str, s: Array, poses: Array) -> Motion:
+        """Movement of a foot from the pose of its sole at the start of each step (N, 7); 0 while it does not stand."""
+        corners = poses[:, None, :3] + np.einsum("tij,kj->tki", _rotations(poses[:, 3:]), self.walker.feet[name].points)
+        lowest = corners[:, :, 2].min(axis=1)
+        tilt = np.arccos(np.clip(1.0 - 2.0 * (poses[:, 4] ** 2 + poses[:, 5] ** 2), -1.0, 1.0))
+        slip, standing = np.zeros(len(s)), np.zeros(len(s), dtype=bool)
+        for stand in self._stands[name]:
+            here = np.flatnonzero((s >= stand.begin) & (s <= stand.end))
+            if not len(here):
+                continue
+            moved = np.linalg.norm(corners[here, :, :2] - corners[here[0], :, :2], axis=2)
+            slip[here] = np.where(corners[here, :, 2] < TOUCHING, moved, 0.0).max(axis=1)
+            standing[here] = True
+        none = np.full(len(s), np.nan)
+        return Motion(slip, np.where(standing, tilt, 0.0), none, np.where(standing, lowest, 0.0))
+
+    # Parts of the specification ---------------------------------------------------------------------------
+
+    def _with_controller(self, config: Config, gains: Gains, timestep: float) -> mujoco.MjSpec:
+        spec, _, _ = read_model(model_file(config))
+        spec.compiler.fusestatic = False
+        for item in [*spec.actuators, *spec.sensors, *spec.keys]:
+            spec.delete(item)
+        _set_options(spec, timestep)
+        spec.option.gravity = config.gravity
+        for i, name in enumerate(self.joint_names):
+            joint, limit = spec.joint(name), self.torque_limit[i]
+            joint.actfrclimited, joint.actfrcrange = bool(np.isfinite(limit)), [-limit, limit]
+            actuator = spec.add_actuator(name=PREFIX + name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+            actuator.set_to_pid(kp=gains.kp[i], kv=gains.kd[i], ki=gains.ki[i], ctrlspec=gains.inputs)
+        spec.worldbody.add_geom(
+            name=FLOOR, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 0.05], contype=1, conaffinity=1,
+            rgba=(0.9, 0.9, 0.88, 1.0),
+        )  # fmt: skip
+        for foot in self.walker.feet:
+            _inset(spec, foot, self._truth.contact_inset.get(foot, 0.0))
+            for sphere in _soles(spec, foot):
+                sphere.condim, sphere.priority = 3, 1
+            _add_sensors(spec, foot)
+        return spec
+
+    def _named_bodies(self) -> dict[str, TrueBody]:
+        """Bodies of the model that the truth says something about, as the model has them."""
+        truth, varied, names = self._truth, self._truth.variation, self.walker.body_names
+        given: Sequence[tuple[str, Mapping[str, object]]] = (
+            ("mass", truth.mass), ("center_of_mass", truth.center_of_mass), ("inertia", truth.inertia),
+            ("variation.mass", varied.mass), ("variation.center_of_mass", varied.center_of_mass),
+        )  # fmt: skip
+        for key, values in given:
+            for name in values:
+                if name not in names:
+                    known = ", ".join(names)
+                    message = f"the robot has no body {name} with a mass; expected one of {known}"
+                    raise ConfigError(message, key=f"execution.truth.{key}.{name}")
+        named = [name for name in names if any(name in values for _, values in given)]
+        return {name: TrueBody(*self.walker.inertia_of(name)) for name in named}
+
+
+def stands(stances: Sequence[Stance], feet: Sequence[str]) -> dict[str, list[Stand]]:
+    """When each foot stands: from a little after it has landed until it lifts, or to the end."""
+    found: dict[str, list[Stand]] = {name: [] for name in feet}
+    for name, own in found.items():
+        before = False
+        for stance in stances:
+            stood = name in stance.places
+            if stood and before:
+                own[-1] = Stand(own[-1].begin, stance.end)
+            elif stood:
+                grace = LANDING * (stance.end - stance.begin) if stance.begin > 0 else 0.0
+                own.append(Stand(stance.begin + grace, stance.end))
+            before = stood
+    return found
+
+
+def _set_options(spec: mujoco.MjSpec, timestep: float) -> None:
+    """Contacts as the model file has them; cones, solver and integrator as the fidelity of the task needs them."""
+    option = spec.option
+    option.timestep = timestep
+    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.solver = mujoco.mjtSolver.mjSOL_NEWTON
+    option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+    option.impratio = IMPEDANCE_RATIO
+    option.iterations, option.noslip_iterations = ITERATIONS, 0
+    option.disableflags, option.enableflags = int(mujoco.mjtDisableBit.mjDSBL_AUTORESET), 0
+
+
+IMPEDANCE_RATIO = 20.0
+"""Friction is this much stiffer than the normal direction, so that standing feet do not creep."""
+ITERATIONS = 50
+
+
+def _soles(spec: mujoco.MjSpec, foot: str) -> list[mujoco.MjsGeom]:
+    """Spheres under a foot that can touch the floor."""
+    sphere = mujoco.mjtGeom.mjGEOM_SPHERE
+    return [geom for geom in spec.site(foot).parent.geoms if geom.type == sphere and geom.contype | geom.conaffinity]
+
+
+def _inset(spec: mujoco.MjSpec, foot: str, inset: float) -> None:
+    """Move the contact points of a foot towards its middle along x and y of the foot."""
+    spheres = _soles(spec, foot)
+    middle = np.mean([sphere.pos for sphere in spheres], axis=0)
+    for sphere in spheres:
+        away = sphere.pos - middle
+        if np.any(np.abs(away[:2]) < inset):
+            raise ConfigError(
+                f"found {inset:g} m, which leaves nothing of {foot}", key=f"execution.truth.contact_inset.{foot}"
+            )
+        sphere.pos = sphere.pos - inset * np.append(np.sign(away[:2]), 0.0)
+
+
+def _add_sensors(spec: mujoco.MjSpec, foot: str) -> None:
+    kinds, objects = mujoco.mjtSensor, mujoco.mjtObj
+    for kind in (kinds.mjSENS_FRAMEPOS, kinds.mjSENS_FRAMEQUAT):
+        spec.add_sensor(name=f"{PREFIX}{foot}_{kind.name}", type=kind, objtype=objects.mjOBJ_SITE, objname=foot)
+    fields = sum(1 << int(field) for field in CONTACT_FIELDS)
+    spec.add_sensor(
+        name=f"{PREFIX}{foot}_contact", type=kinds.mjSENS_CONTACT, objtype=objects.mjOBJ_BODY,
+        objname=spec.site(foot).parent.name, reftype=objects.mjOBJ_GEOM, refname=FLOOR, intprm=[fields, NET_FORCE, 1],
+    )  # fmt: skip
+
+
+def _add_tiles(spec: mujoco.MjSpec) -> None:
+    """A floor with a pattern on which movement can be seen."""
+    pattern = spec.add_texture(
+        name=FLOOR, type=mujoco.mjtTexture.mjTEXTURE_2D, builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
+        rgb1=(0.86, 0.87, 0.88), rgb2=(0.8, 0.81, 0.83), width=128, height=128,
+    )  # fmt: skip
+    material = spec.add_material(name=FLOOR, texrepeat=[5.0, 5.0], texuniform=True)
+    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = pattern.name
+    floor = spec.geom(FLOOR)
+    floor.material, floor.rgba = FLOOR, (1.0, 1.0, 1.0, 1.0)
+
+
+# Turns ----------------------------------------------------------------------------------------------------
+
+
+def _rotations(quaternions: Array) -> Array:
+    """Rotation matrices (N, 3, 3) of unit quaternions w, x, y, z (N, 4)."""
+    w, x, y, z = quaternions.T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), 2, 0)
+
+
+def _turning(quaternions: Array, spin: Array) -> Array:
+    """Rates of the turns about z, y and x (N, 3) from quaternions (N, 4) and angular velocities, body axes (N, 3)."""
+    w, x, y, z = quaternions.T
+    roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))
+    sine, cosine = np.sin(roll), np.cos(roll)
+    yaw_rate = (spin[:, 1] * sine + spin[:, 2] * cosine) / np.maximum(np.cos(pitch), STEEP)
+    return np.column_stack([yaw_rate, spin[:, 1] * cosine - spin[:, 2] * sine, spin[:, 0] + yaw_rate * np.sin(pitch)])
+
+
+STEEP = 1e-6
+"""Keeps the rates of the angles finite where a falling robot lies on its face."""
