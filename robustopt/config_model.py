@@ -294,7 +294,8 @@ class TruthConfig(Section):
     )
     mass: dict[str, Mass] = Field(
         default={},
-        description="true mass, which scales the inertia, by object name or `tray`, of a robot on its feet by body [kg]",
+        description="true mass, which scales the inertia, by name of an object, the `tray` or a body of a robot on its "
+        "feet [kg]",
     )
     center_of_mass: dict[str, Point3] = Field(
         default={}, description="true centre of mass in the frame of the object, the tray or the body, by name [m]"

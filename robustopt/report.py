@@ -25,8 +25,8 @@ MOST_LIMITS = 8
 PAGE = "report.html"
 
 FIGURES = (
-    "learning.svg", "trials.svg", "phase_plane.svg", "feet.svg", "footprints.svg", "contacts.svg", "joints*.svg",
-    "accelerations.svg",
+    "learning.svg", "trials.svg", "foot_contacts.svg", "phase_plane.svg", "feet.svg", "footprints.svg", "contacts.svg",
+    "joints*.svg", "accelerations.svg",
 )  # fmt: skip
 """Figures of the page in their order; what binds is a table of it already."""
 

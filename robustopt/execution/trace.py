@@ -14,7 +14,7 @@ from robustopt.execution.feedback import acceleration_error
 from robustopt.execution.monte_carlo import outcome_of, simulate_trials, tracking_error
 from robustopt.execution.outcome import Motion, TrialOutcome
 from robustopt.execution.simulation import Workspace
-from robustopt.execution.walker_scene import FootContact, WalkerScene
+from robustopt.execution.walker_scene import FootContact, WalkerLayout, WalkerScene
 from robustopt.foot_forces import FootForces, planned_forces
 from robustopt.timescaling import Plan
 
@@ -55,8 +55,8 @@ def trace(config: Config, plan: Plan, trial: int, seed: int | None = None, speed
     criteria = [item for items in scene.criteria(job.execution.failure).values() for item in items]
     feet: dict[str, FootContact] = {}
     planned_feet = None
-    if isinstance(scene, WalkerScene):
-        feet, planned_feet = scene.contacts(prepared.layout, record, 0), planned_forces(faster(plan, speed))
+    if isinstance(scene, WalkerScene) and isinstance(layout, WalkerLayout):
+        feet, planned_feet = scene.contacts(layout, record, 0), planned_forces(faster(plan, speed))
     return Trace(
         outcome=outcome_of(job, prepared, record, 0),
         t=planned.t,

@@ -22,9 +22,10 @@ Draw = Callable[[float, float, bool], float]
 
 @dataclass(frozen=True)
 class TrueBody:
-    """The tray, an object or a body of the robot: mass [kg], centre of mass in its own frame (3,) [m], inertia about it (3, 3) [kg m^2].
+    """The tray, an object or a body of the robot.
 
-    inset: how much smaller than the shape its base is on every side [m]
+    mass [kg]; center_of_mass: in its own frame (3,) [m]; inertia: about that (3, 3) [kg m^2]; inset: how much smaller
+    than the shape its base is on every side [m]
     """
 
     mass: float

@@ -57,8 +57,10 @@ class WalkerLayout(JointLayout):
 
 @dataclass(frozen=True)
 class FootContact:
-    """What the floor does to a foot at the start of each step: force (N, 3) [N] and the place in the plane where it acts,
-    the centre of pressure (N, 2) [m], world; nan without a force."""
+    """What the floor does to a foot at the start of each step, world axes.
+
+    force: (N, 3) [N]; center_of_pressure: where it acts in the plane of the floor (N, 2) [m], nan without a force
+    """
 
     force: Array
     center_of_pressure: Array
