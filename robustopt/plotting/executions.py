@@ -69,7 +69,7 @@ def accelerations_figure(trace: Trace, names: Sequence[str], title: str) -> Figu
         axis.plot(trace.t[shown], trace.planned[shown, k], color=INK, linewidth=0.8, label="planned")
         peak = np.abs(trace.planned[shown, k]).max(initial=1e-6)
         axis.set_ylim(-2.0 * peak, 2.0 * peak)
-        axis.set_ylabel(_words(names[k]).replace(" ", "\n"))
+        axis.set_ylabel(_words(names[int(k)]).replace(" ", "\n"))
         _mark(axis, trace)
     axes[-1].set_xlabel("time [s]")
     unit = "[m/s², rad/s²]" if trace.feet else "[rad/s²]"
@@ -88,7 +88,7 @@ def foot_contacts_figure(traces: Sequence[Trace], title: str) -> Figure:
     axes = figure.subplots(4, len(traces), sharex="col", sharey="row", squeeze=False)
     labels = ("normal force [N]", "friction used: horizontal / normal", "centre of pressure, x [m]", "y [m]")
     for column, trace in enumerate(traces):
-        _draw_feet(axes[:, column], trace)
+        _draw_feet(list(axes[:, column]), trace)
         outcome = trace.outcome
         axes[0, column].set_title(f"trial {outcome.trial}: {outcome.status.value} {_words(outcome.what)}".rstrip())
         axes[-1, column].set_xlabel("time [s]")
