@@ -131,7 +131,7 @@ def _with_missing_rows(
 def _with_shared_rows(plan: Plan, figures: dict[str, float]) -> TimeScalingProblem | None:
     """The problem with the torque rows that its plan violates where two feet share the load, None if there are none."""
     problem, torque = plan.problem, plan.problem.limits.torque
-    if not isinstance(torque, StandingTorque):
+    if not isinstance(torque, StandingTorque) or not _contacts_count(problem):
         return None
     from robustopt.timescaling.sharing import missing_shared_rows
 
@@ -142,6 +142,11 @@ def _with_shared_rows(plan: Plan, figures: dict[str, float]) -> TimeScalingProbl
     figures["inner_programs"] += solved
     figures["inner_seconds"] += time.perf_counter() - began
     return problem.with_torque(torque.with_rows(rows)) if rows else None
+
+
+def _contacts_count(problem: TimeScalingProblem) -> bool:
+    """Whether all limits of all contacts count: without them no forces share a load."""
+    return problem.kept is None or all(problem.kept.issuperset(f.system.names) for f in problem.limits.contacts)
 
 
 def _relinearised(plan: Plan, before: float) -> TimeScalingProblem | None:
