@@ -8,14 +8,16 @@ from typing import Any
 
 from robustopt.certificate import certify
 from robustopt.config import Config, with_values
+from robustopt.config_model import BASE_COORDINATES as BASE
 from robustopt.errors import SolverFailed
 from robustopt.experiment import PlanResult
 from robustopt.learning.learner import Belief
 from robustopt.learning.moments import ErrorInterval
-from robustopt.path import build_path
-from robustopt.problem import build_rows
-from robustopt.robot import load_robot
+from robustopt.path import Path
+from robustopt.problem import build_rows, robot_and_path
+from robustopt.robot import Robot
 from robustopt.timescaling import Status, solve
+from robustopt.walker import Walker
 
 
 def believing(config: Config, belief: Belief) -> Config:
@@ -28,23 +30,32 @@ def believing(config: Config, belief: Belief) -> Config:
     if belief.friction is not None:
         values |= {"uncertainty.friction": None, "contact.friction": belief.friction}
     if belief.error is not None:
-        values["uncertainty.joint_acceleration"] = _acceleration(belief.error)
+        values |= _acceleration(config, belief.error)
     if any(key.startswith("contact.friction") for key, _ in belief.parameters):
         values["uncertainty.friction"] = None
     return with_values(config, values | dict(belief.parameters)) if values or belief.parameters else config
 
 
-def _acceleration(error: ErrorInterval) -> Mapping[str, Any] | None:
-    """[U - K Delta, U + K Delta] as the section `uncertainty.joint_acceleration`; one value stands for all joints."""
+def _acceleration(config: Config, error: ErrorInterval) -> Mapping[str, Any]:
+    """[U - K Delta, U + K Delta] as `uncertainty.joint_acceleration`; one value stands for all joints.
+
+    Of a robot on its feet the first six are the base's, whose interval `uncertainty.base_acceleration` lies about 0.
+    """
     if error.is_zero:
-        return None
+        return {"uncertainty.joint_acceleration": None}
     mean, deviation = ([error.share * value for value in values] for values in (error.mean, error.deviation))
+    values: dict[str, Any] = {}
     single = len(mean) == 1
-    return {
+    if config.walks and not single:
+        base = zip(mean[:BASE], deviation[:BASE], strict=True)
+        values["uncertainty.base_acceleration"] = [abs(u) + error.K * d for u, d in base]
+        mean, deviation = mean[BASE:], deviation[BASE:]
+    values["uncertainty.joint_acceleration"] = {
         "mean": mean[0] if single else mean,
         "deviation": deviation[0] if single else deviation,
         "K": error.K,
     }
+    return values
 
 
 class Planner:
@@ -68,7 +79,7 @@ class Planner:
 
     def _make(self, belief: Belief) -> PlanResult:
         config = believing(self.config, belief)
-        plan = solve(build_rows(config, self._robot, self._path))
+        plan = solve(build_rows(config, *self._robot_and_path))
         if plan.status is Status.INFEASIBLE:
             return PlanResult(config, plan, None, None, {})
         if plan.status is not Status.SOLVED:
@@ -79,12 +90,8 @@ class Planner:
         return PlanResult(config, plan, certificate, None, {})
 
     @cached_property
-    def _robot(self) -> Any:
-        return load_robot(self.config)
-
-    @cached_property
-    def _path(self) -> Any:
-        return build_path(self.config, self._robot)
+    def _robot_and_path(self) -> tuple[Robot | Walker, Path]:
+        return robot_and_path(self.config)
 
 
 def described(belief: Belief) -> str:

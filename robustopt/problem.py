@@ -179,11 +179,16 @@ def build_problem(config: Config) -> TimeScalingProblem:
     Raises ConfigError, RobotError or PathError where the configuration cannot be used. A problem that has no solution
     is no error here: `solve` says so.
     """
+    return build_rows(config, *robot_and_path(config))
+
+
+def robot_and_path(config: Config) -> tuple[Robot | Walker, Path]:
+    """What of a configuration does not depend on beliefs; errors as of `build_problem`."""
     if config.walks:
         walker = load_walker(config)
-        return build_rows(config, walker, build_walking_path(config, walker))
+        return walker, build_walking_path(config, walker)
     robot = load_robot(config)
-    return build_rows(config, robot, build_path(config, robot))
+    return robot, build_path(config, robot)
 
 
 def build_rows(config: Config, robot: Robot | Walker, path: Path) -> TimeScalingProblem:
