@@ -17,6 +17,7 @@ from robustopt.config_model import BASE_COORDINATES as BASE
 from robustopt.config_model import Config, FailureConfig, TruthConfig
 from robustopt.errors import ConfigError
 from robustopt.execution.controller import Gains, JointLayout, Reference, controls
+from robustopt.execution.feedback import low_passed
 from robustopt.execution.outcome import Criterion, Motion, Status
 from robustopt.execution.scene import PREFIX, View, add_sky, compiled, set_inertia
 from robustopt.execution.simulation import Record, joint_velocities
@@ -35,8 +36,14 @@ TOUCHING = 1e-3
 LANDING = 0.15
 """Part of a phase for which a foot that has landed may still move: it carries next to nothing (our choice)."""
 
-DISTANCE, AZIMUTH, ELEVATION = 1.9, 125.0, -12.0
+DISTANCE, AZIMUTH, ELEVATION = 1.8, 110.0, -14.0
 """Place of the camera: from the trunk's path [m], about the vertical and above the horizon [deg]."""
+
+FALLEN = 1 << 20
+"""Contact bit of all that touches the floor only when the robot has fallen: everything but the feet."""
+
+LEAST_FORCE = 1e-6
+"""A normal force below this is none [N]."""
 
 CONTACT_FIELDS = (mujoco.mjtConDataField.mjCONDATA_FORCE, mujoco.mjtConDataField.mjCONDATA_TORQUE,
                   mujoco.mjtConDataField.mjCONDATA_POS)  # fmt: skip
@@ -57,13 +64,21 @@ class WalkerLayout(JointLayout):
 
 @dataclass(frozen=True)
 class FootContact:
-    """What the floor does to a foot at the start of each step, world axes.
+    """What the floor does to a foot at the start of each step, low-passed as acceleration errors are, world axes.
 
     force: (N, 3) [N]; center_of_pressure: where it acts in the plane of the floor (N, 2) [m], nan without a force
     """
 
     force: Array
     center_of_pressure: Array
+
+    @classmethod
+    def of(cls, force: Array, moment: Array, place: Array, timestep: float) -> FootContact:
+        """From force, moment about a place, and that place, (N, 3) each."""
+        whole = moment + np.cross(place, force)
+        force, whole = low_passed(force, timestep), low_passed(whole, timestep)
+        lift = np.where(force[:, 2] > LEAST_FORCE, force[:, 2], np.nan)
+        return cls(force, np.column_stack([-whole[:, 1], whole[:, 0]]) / lift[:, None])
 
 
 @dataclass(frozen=True)
@@ -84,7 +99,8 @@ class WalkerScene:
         self.joint_names = self.walker.joint_names[BASE:]
         self.torque_limit = self.walker.limits.torque[BASE:]
         self._truth = (config.execution.truth if config.execution is not None else None) or TruthConfig()
-        self._stands = stands(footsteps(config).stances, list(self.walker.feet))
+        steps = footsteps(config)
+        self._stands, self._places = stands(steps.stances, list(self.walker.feet)), steps.places
         self._base = self._with_controller(config, gains, timestep)
         self.pushed = self._base.joints[0].parent.name
         self.believed = World(believed_friction(config), self._named_bodies())
@@ -94,7 +110,7 @@ class WalkerScene:
         spec = self._base.copy()
         if sky:
             add_sky(spec)
-            _add_tiles(spec)
+            _add_floor_for_pictures(spec, self._places, self.walker)
         for name, body in world.bodies.items():
             set_inertia(spec.body(name), body)
         for name, mu in world.friction.items():
@@ -151,11 +167,8 @@ class WalkerScene:
         found = {}
         for name, at in layout.feet.items():
             force, moment, place = np.split(record.sensors[i][:, at + 7 : at + 16].copy(), 3, axis=1)
-            force, moment = -force, -moment  # the sensor has what the foot does to the floor
-            lift = np.where(force[:, 2] > 0, force[:, 2], np.nan)
-            x = place[:, 0] - (moment[:, 1] + place[:, 2] * force[:, 0]) / lift
-            y = place[:, 1] + (moment[:, 0] - place[:, 2] * force[:, 1]) / lift
-            found[name] = FootContact(force, np.column_stack([x, y]))
+            # The sensor has what the foot does to the floor.
+            found[name] = FootContact.of(-force, -moment, place, self._base.option.timestep)
         return found
 
     def criteria(self, failure: FailureConfig) -> dict[str, tuple[Criterion, ...]]:
@@ -167,8 +180,8 @@ class WalkerScene:
 
     def view(self, layout: WalkerLayout, qpos: Array) -> View:
         """A camera that sees the whole way of the robot."""
-        way = qpos[::100, :3]
-        return View(0.5 * (way.min(axis=0) + way.max(axis=0)), DISTANCE, AZIMUTH, ELEVATION)
+        middle = np.mean([place for standing in self._places for place in standing.values()], axis=0)
+        return View(np.append(middle, float(self.walker.posture[2])), DISTANCE, AZIMUTH, ELEVATION)
 
     # What happened ----------------------------------------------------------------------------------------
 
@@ -203,9 +216,12 @@ class WalkerScene:
             actuator = spec.add_actuator(name=PREFIX + name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
             actuator.set_to_pid(kp=gains.kp[i], kv=gains.kd[i], ki=gains.ki[i], ctrlspec=gains.inputs)
         spec.worldbody.add_geom(
-            name=FLOOR, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 0.05], contype=1, conaffinity=1,
-            rgba=(0.9, 0.9, 0.88, 1.0),
+            name=FLOOR, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 0.05], contype=1, conaffinity=1 | FALLEN,
         )  # fmt: skip
+        on_feet = {spec.site(foot).parent.name for foot in self.walker.feet}
+        for geom in spec.geoms:
+            if geom.parent.name not in on_feet and geom.name != FLOOR:
+                geom.contype |= FALLEN
         for foot in self.walker.feet:
             _inset(spec, foot, self._truth.contact_inset.get(foot, 0.0))
             for sphere in _soles(spec, foot):
@@ -294,16 +310,25 @@ def _add_sensors(spec: mujoco.MjSpec, foot: str) -> None:
     )  # fmt: skip
 
 
-def _add_tiles(spec: mujoco.MjSpec) -> None:
-    """A floor with a pattern on which movement can be seen."""
+def _add_floor_for_pictures(spec: mujoco.MjSpec, places: Sequence[Mapping[str, Array]], walker: Walker) -> None:
+    """A floor with tiles, and footprints where the feet are to stand, so that slips can be seen."""
     pattern = spec.add_texture(
         name=FLOOR, type=mujoco.mjtTexture.mjTEXTURE_2D, builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
-        rgb1=(0.86, 0.87, 0.88), rgb2=(0.8, 0.81, 0.83), width=128, height=128,
+        rgb1=(0.97, 0.97, 0.97), rgb2=(0.9, 0.91, 0.92), width=128, height=128,
     )  # fmt: skip
-    material = spec.add_material(name=FLOOR, texrepeat=[5.0, 5.0], texuniform=True)
+    material = spec.add_material(name=FLOOR, texrepeat=[5.0, 5.0], texuniform=True, emission=0.5)
     material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = pattern.name
     floor = spec.geom(FLOOR)
     floor.material, floor.rgba = FLOOR, (1.0, 1.0, 1.0, 1.0)
+    for k, standing in enumerate(places):
+        pale = 0.35 * (len(places) - 1 - k) / max(len(places) - 1, 1)
+        for name, place in standing.items():
+            points = walker.feet[name].points[:, :2]
+            middle = place + 0.5 * (points.min(axis=0) + points.max(axis=0))
+            spec.worldbody.add_geom(
+                type=mujoco.mjtGeom.mjGEOM_BOX, size=[*(0.5 * np.ptp(points, axis=0) - 0.01), 1e-3], pos=[*middle, 0.0],
+                rgba=(0.45 + pale, 0.85, 0.55 + pale, 1.0), contype=0, conaffinity=0, mass=0.0,
+            )  # fmt: skip
 
 
 # Turns ----------------------------------------------------------------------------------------------------

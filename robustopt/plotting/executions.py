@@ -20,7 +20,10 @@ FAR = 10.0
 
 FOOT_COLOURS = {"left_foot": BLUE, "right_foot": VERMILLION}
 
-LOADED = 0.02
+STILL = 1e-3
+"""A coordinate that is accelerated by less than this part of the one that is accelerated most is not moved."""
+
+LOADED = 0.05
 """Part of the largest planned force on a foot below which its centre of pressure says nothing."""
 
 
@@ -60,7 +63,8 @@ def accelerations_figure(trace: Trace, names: Sequence[str], title: str) -> Figu
 
     names: of the plan's coordinates (n,)
     """
-    moved = np.flatnonzero(np.abs(trace.planned).max(axis=0) > 0)
+    peaks = np.abs(trace.planned).max(axis=0)
+    moved = np.flatnonzero(peaks > STILL * peaks.max())
     figure = Figure(figsize=(6.5, 0.8 + 1.1 * len(moved)))
     axes = figure.subplots(len(moved), 1, sharex=True, squeeze=False)[:, 0]
     shown = np.convolve(trace.moving, np.ones(101), mode="same") > 0
@@ -86,7 +90,7 @@ def foot_contacts_figure(traces: Sequence[Trace], title: str) -> Figure:
     """
     figure = Figure(figsize=(max(3.6 * len(traces), 5.0) + 1.6, 8.4))
     axes = figure.subplots(4, len(traces), sharex="col", sharey="row", squeeze=False)
-    labels = ("normal force [N]", "friction used: horizontal / normal", "centre of pressure, x [m]", "y [m]")
+    labels = ("normal force [N]", "horizontal / normal force", "centre of pressure, x [m]", "centre of pressure, y [m]")
     for column, trace in enumerate(traces):
         _draw_feet(list(axes[:, column]), trace)
         outcome = trace.outcome
@@ -105,7 +109,9 @@ def foot_contacts_figure(traces: Sequence[Trace], title: str) -> Figure:
     axes[0, -1].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     axes[1, -1].plot([], [], color=INK, linewidth=0.8, linestyle=":", label="true friction")
     axes[1, -1].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-    figure.suptitle(f"{title}: pale as measured, thin as planned; shaded soles as planned", x=0.01, ha="left")
+    figure.suptitle(
+        f"{title}: pale: as measured, low-passed; thin: as planned; grey: loaded soles as planned", x=0.01, ha="left"
+    )
     return figure
 
 
