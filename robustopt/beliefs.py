@@ -2,36 +2,57 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
+from robustopt.batch import with_beliefs
 from robustopt.certificate import certify
 from robustopt.config import Config, with_values
+from robustopt.config_yaml import split_key
 from robustopt.errors import SolverFailed
 from robustopt.experiment import PlanResult
 from robustopt.learning.learner import Belief
 from robustopt.learning.moments import ErrorInterval
 from robustopt.path import build_path
-from robustopt.problem import build_rows
+from robustopt.problem import rows_along
 from robustopt.robot import load_robot
 from robustopt.timescaling import Status, solve
+from robustopt.track import Track, build_track
 
 
 def believing(config: Config, belief: Belief) -> Config:
     """The configuration with a belief in place of what it says itself.
 
-    A learned coefficient of friction stands for all interfaces, and replaces their interval; a learned interval of the
-    joint acceleration error replaces the configured one. Raises ConfigError where a key of the belief does not fit.
+    A learned coefficient of friction stands for all interfaces; a learned interval of the joint acceleration error
+    replaces the configured one. Raises ConfigError where a key of the belief does not fit.
     """
     values: dict[str, Any] = {}
     if belief.friction is not None:
         values |= {"uncertainty.friction": None, "contact.friction": belief.friction}
     if belief.error is not None:
         values["uncertainty.joint_acceleration"] = _acceleration(belief.error)
-    if any(key.startswith("contact.friction") for key, _ in belief.parameters):
-        values["uncertainty.friction"] = None
-    return with_values(config, values | dict(belief.parameters)) if values or belief.parameters else config
+    config = with_values(config, values) if values else config
+    if not belief.parameters:
+        return config
+    return with_beliefs(learned_from(config, [key for key, _ in belief.parameters]), dict(belief.parameters))
+
+
+def learned_from(config: Config, keys: Sequence[str]) -> Config:
+    """The configuration without the intervals of friction that stand over coefficients which are learned.
+
+    keys: of the learned values, such as contact.friction or contact.friction.upper
+    """
+    intervals = config.uncertainty.friction
+    learned = [split_key(key) for key in keys if split_key(key)[:2] == ("contact", "friction")]
+    if intervals is None or not learned:
+        return config
+    if ("contact", "friction") in learned:
+        return with_values(config, {"uncertainty.friction": None})
+    by_name = intervals if isinstance(intervals, Mapping) else {"default": intervals}
+    named = {name: by_name.get(name, by_name.get("default")) for name in config.objects}
+    left = {name: bounds for name, bounds in named.items() if bounds and ("contact", "friction", name) not in learned}
+    return with_values(config, {"uncertainty.friction": left or None})
 
 
 def _acceleration(error: ErrorInterval) -> Mapping[str, Any] | None:
@@ -68,7 +89,7 @@ class Planner:
 
     def _make(self, belief: Belief) -> PlanResult:
         config = believing(self.config, belief)
-        plan = solve(build_rows(config, self._robot, self._path))
+        plan = solve(rows_along(self._track, config))
         if plan.status is Status.INFEASIBLE:
             return PlanResult(config, plan, None, None, {})
         if plan.status is not Status.SOLVED:
@@ -79,12 +100,9 @@ class Planner:
         return PlanResult(config, plan, certificate, None, {})
 
     @cached_property
-    def _robot(self) -> Any:
-        return load_robot(self.config)
-
-    @cached_property
-    def _path(self) -> Any:
-        return build_path(self.config, self._robot)
+    def _track(self) -> Track:
+        robot = load_robot(self.config)
+        return build_track(self.config, robot, build_path(self.config, robot))
 
 
 def described(belief: Belief) -> str:

@@ -51,8 +51,11 @@ class Row(NamedTuple):
 
 def headline(data: Mapping[str, Any]) -> str:
     """How a run ended, in one line."""
-    found = f" in {data['duration']:.4f} s by {data['method']}" if data.get("duration") is not None else ""
-    return f"{data['name']}: {data['status']}{found}"
+    if data.get("duration") is None:
+        return f"{data['name']}: {data['status']}"
+    motion = f"{data['duration']:.4f} s by {data['method']}"
+    stopped = data.get("kind") == "execution" and data["status"] != "solved"
+    return f"{data['name']}: {data['status']}{'; plan of' if stopped else ' in'} {motion}"
 
 
 def sections(data: Mapping[str, Any]) -> list[tuple[str, list[Row]]]:

@@ -3,13 +3,16 @@
 import subprocess
 import sys
 import time
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
-from scenes import FLAT, plan_of, scene
+from scenes import FIXTURES, FLAT, scene
 
 from robustopt import cli
-from robustopt.execution import Workers, execute
+from robustopt.config import dump
+from robustopt.execution import monte_carlo
+from robustopt.store import read_summary
 
 
 @pytest.fixture
@@ -52,26 +55,38 @@ def _wait_for_workers(address: str, count: int) -> None:
         client.wait_for_workers(count, timeout=60)
 
 
-def test_a_cluster_that_loses_a_worker_changes_no_number(cluster):
+def test_workers_and_a_cluster_that_loses_one_change_no_byte(cluster, tmp_path, monkeypatch):
+    """The command with one process, with two, and on a cluster of which a worker is killed on the way."""
     address, workers = cluster
     truth = {"friction": 0.5, "variation": {"friction": 0.1}}
-    config = scene(objects={"body": FLAT}, contact={"friction": 0.45}, execution={"truth": truth})
-    plan = plan_of(config)
+    config = scene(
+        objects={"body": FLAT}, contact={"friction": 0.45}, execution={"truth": truth},
+        robot_keys={"model": str(FIXTURES / "slide.xml")},
+    )  # fmt: skip
+    (tmp_path / "task.yaml").write_text(dump(config))
+    monkeypatch.setattr(monte_carlo, "cores", lambda: 2)
 
     def kill_one(done: int, total: int, successes: int) -> None:
         if done == 25:
             workers[0].kill()
 
-    outcomes = execute(config, plan, trials=150, workers=Workers(scheduler=address), progress=kill_one).outcomes
+    def executions(name: str, *options: str) -> bytes:
+        command = ["execute", str(tmp_path / "task.yaml"), "--trials", "150", "--no-figures", "--quiet"]
+        assert cli.run([*command, *options, "--out", str(tmp_path / name)]) == 0
+        return (tmp_path / name / "executions.csv").read_bytes()
+
+    one, two = executions("one"), executions("two", "--workers", "2")
+    monkeypatch.setattr(cli, "trials_bar", lambda silent: nullcontext(kill_one))
+    on_cluster = executions("cluster", "--backend", "dask", "--scheduler", address)
     assert workers[0].wait(10) != 0
     assert workers[1].poll() is None
-    assert len(outcomes) == 150
-    assert list(map(repr, outcomes)) == list(map(repr, execute(config, plan, trials=150).outcomes))
+    assert one.count(b"\n") == 151
+    assert one == two == on_cluster
+    feedback = [read_summary(tmp_path / name)["executions"]["feedback"] for name in ("one", "two", "cluster")]
+    assert feedback[0] == feedback[1] == feedback[2]
 
 
 def test_a_scheduler_that_is_not_there_is_named(capsys, tmp_path, monkeypatch):
-    from robustopt.execution import monte_carlo
-
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(monte_carlo, "CONNECT", 1)
     task = Path(__file__).parents[1] / "configs" / "waiter_one_block.yaml"

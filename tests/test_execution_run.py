@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -15,8 +16,8 @@ from scenes import CONFIGS
 
 from robustopt import cli, execution_run
 from robustopt.config import load_config
-from robustopt.execution import Status, execute
-from robustopt.execution.video import HEIGHT, STRIP, WIDTH
+from robustopt.execution import execute
+from robustopt.execution.video import HEIGHT, STRIP, WIDTH, write_film
 from robustopt.execution_run import read_plan
 from robustopt.robot_model import resolve_package
 from robustopt.store import read_summary
@@ -125,6 +126,42 @@ def test_a_video_is_a_film_and_a_strip_of_both_trials(tmp_path, stored):
     assert np.abs(frames[0, :, 0] - frames[-1, :, 0]).max() > 50
     apart = np.abs(frames[:, :, 0] - frames[:, :, 1]).mean(axis=(1, 2, 3))
     assert 2 * apart[0] < apart[-1]
+
+
+def _moving_square() -> list[np.ndarray]:
+    """Twelve frames in which a light square goes from left to right over a dark ground."""
+    frames = np.full((12, 64, 160, 3), 20, dtype=np.uint8)
+    for k, frame in enumerate(frames):
+        frame[16:48, 10 * k : 10 * k + 32] = (230, 120, 40)
+    return list(frames)
+
+
+def test_with_ffmpeg_a_film_is_an_mp4_that_shows_the_frames(tmp_path):
+    ffmpeg = shutil.which("ffmpeg")
+    if ffmpeg is None:
+        pytest.skip("this machine has no ffmpeg")
+    frames = _moving_square()
+    film, strip = write_film(frames, tmp_path)
+    assert (film.name, strip.name) == ("trials.mp4", "trials_strip.png")
+    raw = [ffmpeg, "-loglevel", "error", "-i", str(film), "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    shown = np.frombuffer(subprocess.run(raw, capture_output=True, check=True).stdout, dtype=np.uint8)
+    assert np.abs(shown.reshape(12, 64, 160, 3).astype(float) - frames).mean() < 8.0
+
+
+@pytest.mark.parametrize("ffmpeg", ["absent", "broken"])
+def test_without_an_ffmpeg_that_works_a_film_is_an_animated_webp(tmp_path, monkeypatch, ffmpeg):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    if ffmpeg == "broken":
+        (tmp_path / "ffmpeg").write_text("#!/bin/sh\nexit 1\n")
+        (tmp_path / "ffmpeg").chmod(0o755)
+    frames = _moving_square()
+    film, _ = write_film(frames, tmp_path / "figures")
+    assert sorted(path.name for path in (tmp_path / "figures").iterdir()) == ["trials.webp", "trials_strip.png"]
+    with Image.open(film) as picture:
+        assert picture.n_frames == 12
+        for k in (0, 11):
+            picture.seek(k)
+            assert np.abs(np.asarray(picture.convert("RGB")).astype(float) - frames[k]).mean() < 8.0
 
 
 def test_the_file_has_the_outcomes_number_for_number(run, tmp_path):
@@ -249,20 +286,21 @@ def test_a_run_that_was_edited_is_refused(run, tmp_path, stored):
 # What goes wrong ------------------------------------------------------------------------------------------
 
 
-def test_where_every_simulation_diverges_the_exit_code_is_5(run, tmp_path, stored, monkeypatch):
-    from dataclasses import replace
-
-    def diverging(*arguments, **options):
-        executions = execute(*arguments, **options)
-        return replace(executions, outcomes=tuple(replace(o, status=Status.DIVERGED) for o in executions.outcomes))
-
-    monkeypatch.setattr(execution_run, "execute", diverging)
-    code, _, err = run("execute", stored, "--trials", 2, "--out", "d", "--quiet")
-    assert code == 5
-    assert "simulation failed: 0 of 2 trials succeeded" in err
-    summary = read_summary(tmp_path / "d")
+def test_where_every_simulation_diverges_the_exit_code_is_5(run, tmp_path, stored):
+    """A force of 1e12 N on the tray, which MuJoCo answers with a warning and numbers that mean nothing."""
+    force = "execution.disturbance.force_deviation=[1e12, 0, 0]"
+    code, out, err = run("execute", stored, force, "--trials", 3, "--out", "d", "--no-figures")
+    assert (code, err) == (5, "")
+    assert "0 of 3 trials succeeded" in " ".join(out.split())
+    assert "Of the others: 3 simulation diverged." in " ".join(out.split())
+    assert "waiter-one-block: simulation failed; plan of" in out
+    summary, rows = read_summary(tmp_path / "d"), table(tmp_path / "d" / "executions.csv")
     assert (summary["status"], summary["success_rate"]) == ("simulation failed", 0.0)
-    assert summary["executions"]["statuses"] == {"simulation diverged": 2}
+    assert summary["executions"]["statuses"] == {"simulation diverged": 3}
+    assert summary["executions"]["feedback"] is summary["executions"]["first_failure"] is None
+    assert {(row["status"], row["t"], row["slip_block"]) for row in rows} == {("simulation diverged", "", "")}
+    assert {path.name for path in tmp_path.iterdir()} == {"d"}
+    assert run("execute", stored, force, "--trials", 3, "--out", "q", "--quiet")[0] == 5
 
 
 def test_a_full_disk_leaves_nothing(run, tmp_path, stored, monkeypatch):

@@ -93,12 +93,39 @@ def test_a_block_tips_within_half_a_percent_of_its_balance(heading):
     assert standing(TALL, 3.0, 1.005 * slope, heading, 1.5).tilt.max() > 0.2
 
 
-def test_a_cylinder_tips_within_four_percent_of_its_balance():
-    """MuJoCo holds a round base by four points of its rim, so that it tips somewhat early."""
-    slope = 0.04 / 0.06
-    for heading in (0.0, 1.0):
-        assert standing(CYLINDER, 3.0, 0.96 * slope, heading, 1.5).tilt.max() < 0.01
-        assert standing(CYLINDER, 3.0, 1.005 * slope, heading, 1.5).tilt.max() > 0.2
+def leant(objects: dict, name: str, slope: float) -> float:
+    """Largest tilt [rad] of an object against the world, on a tray that is tilted slowly, in 2 s, and then for 2 s."""
+    config = scene(objects=objects, contact={"friction": 3.0})
+    builder = SceneBuilder(config, STIFF, 0.001)
+    model = builder.model(believed_world(config))
+    layout, data = builder.layout(model), mujoco.MjData(model)
+    data.qpos[:] = builder.start(layout, np.zeros(1), model.nq)
+    upright = 1.0
+    for i in range(4000):
+        model.opt.gravity[:] = tilted(slope * min(1.0, i / 2000))
+        mujoco.mj_step(model, data)
+        upright = min(upright, data.xmat[layout.bodies[name], 8])
+    return float(np.arccos(upright))
+
+
+@pytest.mark.parametrize("heading", [0.0, np.pi / 32, 0.14, 1.0, 2.3])
+@pytest.mark.parametrize(("radius", "height"), [(0.04, 0.12), (0.035, 0.2), (0.1, 0.3)])
+def test_a_cylinder_tips_within_half_a_percent_of_its_balance_in_any_direction(radius, height, heading):
+    body, slope = CYLINDER | {"radius": radius, "height": height, "yaw": heading}, 2 * radius / height
+    assert leant({"body": body}, "body", 0.995 * slope) < 0.01
+    assert leant({"body": body}, "body", 1.005 * slope) > 0.2
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.1])
+def test_a_cylinder_on_another_as_wide_tips_within_a_percent_of_its_balance(yaw):
+    objects = {"disc": CYLINDER | {"height": 0.02, "mass": 5.0}, "can": CYLINDER | {"on": "disc", "yaw": yaw}}
+    assert leant(objects, "can", 0.99 * 0.04 / 0.06) < 0.01
+    assert leant(objects, "can", 1.01 * 0.04 / 0.06) > 0.2
+
+
+def test_a_cylinder_creeps_less_than_a_tenth_of_a_millimetre_per_second():
+    slip = standing(FLAT_CYLINDER, 0.5, 0.45, 0.4, 2.0).slip
+    assert slip[-1] - slip[0] < 1e-4 * 2.0
 
 
 def test_an_inset_base_tips_as_if_the_object_were_narrower():
@@ -171,19 +198,20 @@ def low_passed(values: np.ndarray, timestep: float) -> np.ndarray:
     return filtfilt(*butter(2, 2 * 10.0 * timestep), values, axis=0)
 
 
-def contact_wrenches(config: Config, plan: Plan, speed: float):
+def contact_wrenches(config: Config, plan: Plan, speed: float, feedforward: str):
     """Wrench on every object from what it stands on, as MuJoCo has it and as planned, and which steps are motion.
 
     (N, 6) by object, tray frame, moments about the points of the plan's contact systems.
     """
-    execution = ExecutionConfig.model_validate({"controller": {"feedforward": "computed_torque"}})
+    execution = ExecutionConfig.model_validate({"controller": {"feedforward": feedforward}})
     trajectory = Trajectory.from_plan(plan, speed)
     planned = reference(trajectory, execution.timestep, execution.hold)
     gains = gains_of(config.model_copy(update={"execution": execution}), plan.problem.robot, planned.q[:1])
     builder = SceneBuilder(config, gains, execution.timestep)
     model = builder.model(believed_world(config))
     layout, data = builder.layout(model), mujoco.MjData(model)
-    inputs = controls(model, layout, planned, computed_torque(builder.rigid(), planned))
+    torque = computed_torque(builder.rigid(), planned) if feedforward == "computed_torque" else None
+    inputs = controls(model, layout, planned, torque)
     data.qpos[:] = builder.start(layout, planned.q[0], model.nq)
     data.ctrl[:] = inputs[0]
     for _ in range(500):
@@ -215,16 +243,21 @@ def contact_wrenches(config: Config, plan: Plan, speed: float):
     return seen, wanted, planned.moving
 
 
-def test_the_contact_wrenches_of_a_slow_plan_are_the_planned_ones():
+@pytest.mark.parametrize("feedforward", ["gravity", "computed_torque"])
+def test_the_contact_wrenches_of_a_slow_plan_are_the_planned_ones(feedforward):
+    """Within 5 % of the planned force, and of the moment that tips the object.
+
+    The horizontal force is 7 % of the weight. It is within 5 % of itself with computed torque; without it the arm sags
+    under the objects, whose weight is not compensated, and a tray that leans by 3 mrad adds 0.3 % of the weight.
+    """
     upper = "objects.upper={shape: box, size: [0.08, 0.08, 0.12], mass: 0.5, on: block}"
     plan = plan_of(waiter("one_block", upper, "uncertainty={}", "contact.friction=0.25"), "reachability")
-    seen, wanted, moving = contact_wrenches(plan.problem.config, plan, 0.5)
-    for name, weight in (("block", 1.0 * G), ("upper", 0.5 * G)):
+    seen, wanted, moving = contact_wrenches(plan.problem.config, plan, 0.5, feedforward)
+    for name in ("block", "upper"):
         got, planned = (low_passed(wrenches[name], 0.001)[moving] for wrenches in (seen, wanted))
-        error = got - planned
-        assert np.linalg.norm(error[:, :3], axis=1).max() < 0.05 * weight
-        assert np.linalg.norm(error[:, 3:], axis=1).max() < 0.05 * weight * HALF_WIDTH
-        assert np.sqrt((error[:, :2] ** 2).sum(axis=1).mean()) < 0.05 * np.sqrt(
-            (planned[:, :2] ** 2).sum(axis=1).mean()
-        )
-        assert np.abs(planned[:, :2]).max() > 0.05 * weight
+        error, weight = got - planned, np.linalg.norm(planned[:, :3], axis=1)
+        assert (np.linalg.norm(error[:, :3], axis=1) / weight).max() < 0.05
+        assert (np.linalg.norm(error[:, 3:], axis=1) / weight).max() < 0.05 * HALF_WIDTH
+        assert np.abs(planned[:, :2]).max() > 0.05 * weight.max()
+        if feedforward == "computed_torque":
+            assert np.linalg.norm(error[:, :2]) < 0.05 * np.linalg.norm(planned[:, :2])

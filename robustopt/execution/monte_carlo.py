@@ -5,8 +5,9 @@ A chunk is reduced to its outcomes before the next one starts, so memory does no
 
 from __future__ import annotations
 
+import gc
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -149,11 +150,12 @@ def run_all(
             if progress is not None:
                 progress(len(outcomes), len(trials), sum(outcome.success for outcome in outcomes))
     except KeyboardInterrupt:
+        results.close()
         return outcomes, False
     return outcomes, True
 
 
-def _here(job: Job, chunks: Sequence[Sequence[int]], threads: int) -> Iterator[list[TrialOutcome]]:
+def _here(job: Job, chunks: Sequence[Sequence[int]], threads: int) -> Generator[list[TrialOutcome], None, None]:
     workspace = Workspace()
     for chunk in chunks:
         yield run_trials(job, chunk, threads, workspace)
@@ -161,7 +163,7 @@ def _here(job: Job, chunks: Sequence[Sequence[int]], threads: int) -> Iterator[l
 
 def _in_processes(
     job: Job, chunks: Sequence[Sequence[int]], processes: int, threads: int
-) -> Iterator[list[TrialOutcome]]:
+) -> Generator[list[TrialOutcome], None, None]:
     """Chunks in their order; those of a worker that died are run again by new workers."""
     from joblib import Parallel, delayed
     from joblib.externals.loky.process_executor import TerminatedWorkerError
@@ -180,9 +182,20 @@ def _in_processes(
                     f"Worker processes died {attempt + 1} times, for instance because the memory ran out; "
                     f"{done} of {len(chunks)} chunks of trials were done. Fewer workers need less memory."
                 ) from error
+        except (GeneratorExit, KeyboardInterrupt):
+            _end_processes()
+            raise
 
 
-def _on_cluster(job: Job, chunks: Sequence[Sequence[int]], scheduler: str) -> Iterator[list[TrialOutcome]]:
+def _end_processes() -> None:
+    """End the worker processes of joblib and free their locks, which would else be reported as leaks at the exit."""
+    from joblib.externals.loky import get_reusable_executor
+
+    get_reusable_executor(reuse=True).shutdown(wait=True, kill_workers=True)
+    gc.collect()
+
+
+def _on_cluster(job: Job, chunks: Sequence[Sequence[int]], scheduler: str) -> Generator[list[TrialOutcome], None, None]:
     """Chunks in their order, run by a Dask cluster, one thread each; Dask gives those of a lost worker to another."""
     from joblib import Parallel, delayed, parallel_config
 

@@ -18,7 +18,7 @@ from robustopt.config_model import Config, ObjectConfig
 from robustopt.errors import ConfigError
 from robustopt.execution.controller import Gains
 from robustopt.execution.truth import TrueBody, World, believed_world
-from robustopt.geometry import Placement, half_height, placements, rotation, supports
+from robustopt.geometry import RESOLUTION, Placement, half_height, placements, rotation, supports
 from robustopt.robot import Robot, load_robot
 from robustopt.robot_model import TRAY_SITE
 
@@ -33,6 +33,11 @@ SOLIMP = (0.95, 0.95, 0.001, 0.5, 2.0)
 IMPEDANCE_RATIO = 10.0
 """Friction is this much stiffer than the normal direction, so that objects do not creep."""
 TOLERANCE, ITERATIONS = 1e-10, 100
+ROUND_CORNERS = 16
+"""MuJoCo touches with a round face as if it were a regular polygon of so many corners, up to four of them at a time."""
+ROUND_GROWTH = 1.009
+"""A round base is two such polygons turned against each other, this much wider: by half of what their 32 corners fall
+short of the circle, and by what the load loses as it spreads over several (measured, see tests/test_fidelity.py)."""
 
 
 @dataclass(frozen=True)
@@ -180,23 +185,39 @@ class SceneBuilder:
         _set_inertia(body, truth)
         colour = _COLOURS[list(self._config.objects).index(name) % len(_COLOURS)]
         body.add_geom(name=PREFIX + name, rgba=(*colour, 1.0), **_shape(shape, 0.0), **_PASSIVE)
-        body.add_geom(name=_base(name), rgba=(0.0, 0.0, 0.0, 0.0), **_shape(shape, truth.inset), **_PASSIVE)
+        for base, turn in _bases(name, shape).items():
+            size = _shape(shape, truth.inset, ROUND_GROWTH)
+            body.add_geom(name=base, quat=_quaternion(turn), rgba=_HIDDEN, **size, **_PASSIVE)
+        if shape.radius is not None:
+            wide = _shape(shape, 0.0, ROUND_GROWTH / np.cos(np.pi / ROUND_CORNERS))
+            body.add_geom(name=_top(name), rgba=_HIDDEN, **wide, **_PASSIVE)
         return body
 
     def _add_pairs(self, spec: mujoco.MjSpec, world: World) -> None:
         """Contacts: each object's base on its supports, and the shapes of all others with each other."""
-        for one, other in combinations(("tray", *self._placed), 2):
-            upper, lower = other, one
+        for lower, upper in combinations(("tray", *self._placed), 2):
             resting = lower in supports(self._config.objects[upper])
             mu = max(world.friction[upper], 0.0 if resting else world.friction.get(lower, 0.0))
-            spec.add_pair(
-                geomname1=_base(upper) if resting else PREFIX + upper,
-                geomname2=PREFIX + lower,
-                condim=3,
-                friction=[mu, mu, 0.0, 0.0, 0.0],
-                solref=[SOLREF_STEPS * spec.option.timestep, 1.0],
-                solimp=SOLIMP,
-            )
+            ones = _bases(upper, self._config.objects[upper]) if resting else [PREFIX + upper]
+            other = _top(lower) if resting and self._stands_within(upper, lower) else PREFIX + lower
+            for one in ones:
+                spec.add_pair(
+                    geomname1=one,
+                    geomname2=other,
+                    condim=3,
+                    friction=[mu, mu, 0.0, 0.0, 0.0],
+                    solref=[SOLREF_STEPS * spec.option.timestep, 1.0],
+                    solimp=SOLIMP,
+                )
+
+    def _stands_within(self, upper: str, lower: str) -> bool:
+        """Whether an object stands within the face of a round one, whose polygon then must not bound the contact."""
+        radius = self._config.objects[lower].radius if lower != "tray" else None
+        if radius is None:
+            return False
+        shape, step = self._config.objects[upper], self._placed[upper].position - self._placed[lower].position
+        reach = shape.radius if shape.radius is not None else 0.5 * np.hypot(*np.array(shape.size)[:2])
+        return bool(np.hypot(*step[:2]) + reach <= radius + RESOLUTION)
 
     def _add_sensors(self, spec: mujoco.MjSpec) -> None:
         kinds, body = mujoco.mjtSensor, mujoco.mjtObj.mjOBJ_XBODY
@@ -225,12 +246,19 @@ class SceneBuilder:
 
 
 _PASSIVE = {"contype": 0, "conaffinity": 0}
+_HIDDEN = (0.0, 0.0, 0.0, 0.0)
 _SKY = (0.93, 0.95, 0.97)
 _COLOURS = ((0.85, 0.45, 0.25), (0.25, 0.5, 0.85), (0.35, 0.65, 0.35), (0.8, 0.7, 0.3))
 
 
-def _base(name: str) -> str:
-    return f"{PREFIX}{name}_base"
+def _bases(name: str, shape: ObjectConfig) -> dict[str, float]:
+    """Names of the geoms that an object stands on, and how far each is turned [rad]."""
+    base = {f"{PREFIX}{name}_base": 0.0}
+    return base if shape.radius is None else base | {f"{PREFIX}{name}_turned": np.pi / ROUND_CORNERS}
+
+
+def _top(name: str) -> str:
+    return f"{PREFIX}{name}_top"
 
 
 def _set_options(spec: mujoco.MjSpec, timestep: float) -> None:
@@ -252,12 +280,13 @@ def _set_inertia(body: mujoco.MjsBody, truth: TrueBody) -> None:
     body.fullinertia = [i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2]]
 
 
-def _shape(shape: ObjectConfig, inset: float) -> dict[str, object]:
+def _shape(shape: ObjectConfig, inset: float, growth: float = 1.0) -> dict[str, object]:
+    """Type and size of a geom, smaller by an inset on every side; a round one is wider by a factor."""
     h = half_height(shape)
     if shape.size is not None:
         return {"type": mujoco.mjtGeom.mjGEOM_BOX, "size": [shape.size[0] / 2 - inset, shape.size[1] / 2 - inset, h]}
     assert shape.radius is not None, "checked when the configuration was read"
-    return {"type": mujoco.mjtGeom.mjGEOM_CYLINDER, "size": [shape.radius - inset, h, 0.0]}
+    return {"type": mujoco.mjtGeom.mjGEOM_CYLINDER, "size": [growth * (shape.radius - inset), h, 0.0]}
 
 
 def _base_corners(shape: ObjectConfig) -> Array:

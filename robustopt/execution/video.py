@@ -42,34 +42,38 @@ def film(config: Config, plan: Plan, traces: Sequence[Trace], seed: int | None =
 
 
 def write_film(frames: Sequence[Image], folder: Path) -> list[Path]:
-    """Write a film, MP4 where the system has ffmpeg, else animated WebP, and a strip of frames; the files."""
+    """Write a film, MP4 where ffmpeg can, else animated WebP, and a strip of frames; returns the files."""
     from PIL import Image as Picture
 
     folder.mkdir(parents=True, exist_ok=True)
     strip = folder / "trials_strip.png"
     chosen = np.linspace(0, len(frames) - 1, STRIP).round().astype(int)
     Picture.fromarray(np.concatenate([frames[k] for k in chosen], axis=0)).save(strip)
-    if shutil.which("ffmpeg"):
-        path = folder / "trials.mp4"
-        height, width, _ = frames[0].shape
-        command = ["ffmpeg", "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24"]
-        command += [
-            "-s",
-            f"{width}x{height}",
-            "-r",
-            str(FRAMES_PER_SECOND),
-            "-i",
-            "-",
-            "-pix_fmt",
-            "yuv420p",
-            str(path),
-        ]
-        subprocess.run(command, input=b"".join(frame.tobytes() for frame in frames), check=True)
-        return [path, strip]
-    path = folder / "trials.webp"
+    return [_write_mp4(frames, folder / "trials.mp4") or _write_webp(frames, folder / "trials.webp"), strip]
+
+
+def _write_mp4(frames: Sequence[Image], path: Path) -> Path | None:
+    """The film as MP4, None where there is no ffmpeg that can write one."""
+    ffmpeg = shutil.which("ffmpeg")
+    if ffmpeg is None:
+        return None
+    height, width, _ = frames[0].shape
+    source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(FRAMES_PER_SECOND), "-i", "-"]
+    command = [ffmpeg, "-y", "-loglevel", "error", *source, "-pix_fmt", "yuv420p", str(path)]
+    try:
+        subprocess.run(command, input=b"".join(frame.tobytes() for frame in frames), capture_output=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        path.unlink(missing_ok=True)
+        return None
+    return path
+
+
+def _write_webp(frames: Sequence[Image], path: Path) -> Path:
+    from PIL import Image as Picture
+
     first, *others = [Picture.fromarray(frame) for frame in frames]
     first.save(path, save_all=True, append_images=others, duration=round(1000 / FRAMES_PER_SECOND), loop=0, quality=70)
-    return [path, strip]
+    return path
 
 
 def _frames(builder: SceneBuilder, model: mujoco.MjModel, trace: Trace) -> list[Image]:
