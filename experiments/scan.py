@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from learned import Bench
 
+from robustopt.batch import BatchPlanner
 from robustopt.beliefs import Planner
 from robustopt.confidence import upper_bound
 from robustopt.config import Config
@@ -76,6 +77,19 @@ def fastest(config: Config, grid: Grid, rates: Sequence[float], trials: int, nam
         journal.close()
 
 
+def _settings(beliefs: Sequence[Belief]) -> list[dict[str, float | tuple[float, ...]]]:
+    """Beliefs as settings of a batch."""
+    section = "uncertainty.joint_acceleration"
+    settings: list[dict[str, float | tuple[float, ...]]] = []
+    for belief in beliefs:
+        setting: dict[str, float | tuple[float, ...]] = {"contact.friction": belief.friction or 0.0}
+        if belief.error is not None and not belief.error.is_zero:
+            error = {"mean": belief.error.mean, "deviation": belief.error.deviation, "K": belief.error.K}
+            setting |= {f"{section}.{key}": value for key, value in error.items()}
+        settings.append(setting)
+    return settings
+
+
 class _Walk:
     """Plans of a grid from the fastest to the slowest."""
 
@@ -87,13 +101,12 @@ class _Walk:
 
     def _planned(self, grid: Grid) -> list[tuple[Belief, float | None]]:
         known = [(entry.belief, entry.duration) for entry in self.journal.entries()]
-        for i, belief in enumerate(grid.beliefs):
-            if i < len(known):
-                assert known[i][0] == belief
-                continue
-            self.place.say(f"scan, plan {i + 1} of {len(grid.beliefs)}")
-            result = self.planner.plan(belief)
-            known.append((belief, result.plan.duration if result.certified else None))
+        beliefs = grid.beliefs
+        assert [belief for belief, _ in known] == beliefs[: len(known)]
+        new = beliefs[len(known) :]
+        self.place.say(f"scan, {len(new)} plans")
+        for belief, duration in zip(new, BatchPlanner(self.planner.config).durations(_settings(new)), strict=True):
+            known.append((belief, float(duration) if np.isfinite(duration) else None))
             self.journal.add_plan(*known[-1])
         return known
 

@@ -22,6 +22,8 @@ _HOMES = {
     "Config": "robustopt.config",
     "build_problem": "robustopt.problem",
     "solve": "robustopt.timescaling",
+    "solve_batch": "robustopt.batch",
+    "BatchPlanner": "robustopt.batch",
     "Plan": "robustopt.timescaling",
     "Status": "robustopt.timescaling",
     "certify": "robustopt.certificate",

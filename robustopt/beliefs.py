@@ -2,38 +2,56 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
+from robustopt.batch import with_beliefs
 from robustopt.certificate import certify
 from robustopt.config import Config, with_values
 from robustopt.config_model import BASE_COORDINATES as BASE
+from robustopt.config_yaml import split_key
 from robustopt.errors import SolverFailed
 from robustopt.experiment import PlanResult
 from robustopt.learning.learner import Belief
 from robustopt.learning.moments import ErrorInterval
-from robustopt.path import Path
-from robustopt.problem import build_rows, robot_and_path
-from robustopt.robot import Robot
+from robustopt.problem import robot_and_path, rows_along
 from robustopt.timescaling import Status, solve
-from robustopt.walker import Walker
+from robustopt.track import Track, build_track
 
 
 def believing(config: Config, belief: Belief) -> Config:
     """The configuration with a belief in place of what it says itself.
 
-    A learned coefficient of friction stands for all interfaces, and replaces their interval; a learned interval of the
-    joint acceleration error replaces the configured one. Raises ConfigError where a key of the belief does not fit.
+    A learned coefficient of friction stands for all interfaces; a learned interval of the joint acceleration error
+    replaces the configured one. Raises ConfigError where a key of the belief does not fit.
     """
     values: dict[str, Any] = {}
     if belief.friction is not None:
         values |= {"uncertainty.friction": None, "contact.friction": belief.friction}
     if belief.error is not None:
         values |= _acceleration(config, belief.error)
-    if any(key.startswith("contact.friction") for key, _ in belief.parameters):
-        values["uncertainty.friction"] = None
-    return with_values(config, values | dict(belief.parameters)) if values or belief.parameters else config
+    config = with_values(config, values) if values else config
+    if not belief.parameters:
+        return config
+    return with_beliefs(learned_from(config, [key for key, _ in belief.parameters]), dict(belief.parameters))
+
+
+def learned_from(config: Config, keys: Sequence[str]) -> Config:
+    """The configuration without the intervals of friction that stand over coefficients which are learned.
+
+    keys: of the learned values, such as contact.friction or contact.friction.upper
+    """
+    intervals = config.uncertainty.friction
+    learned = [split_key(key) for key in keys if split_key(key)[:2] == ("contact", "friction")]
+    if intervals is None or not learned:
+        return config
+    if ("contact", "friction") in learned:
+        return with_values(config, {"uncertainty.friction": None})
+    by_name = intervals if isinstance(intervals, Mapping) else {"default": intervals}
+    named = {name: by_name.get(name, by_name.get("default")) for name in config.interfaces}
+    left = {name: bounds for name, bounds in named.items() if bounds and ("contact", "friction", name) not in learned}
+    return with_values(config, {"uncertainty.friction": left or None})
 
 
 def _acceleration(config: Config, error: ErrorInterval) -> Mapping[str, Any]:
@@ -79,7 +97,7 @@ class Planner:
 
     def _make(self, belief: Belief) -> PlanResult:
         config = believing(self.config, belief)
-        plan = solve(build_rows(config, *self._robot_and_path))
+        plan = solve(rows_along(self._track, config))
         if plan.status is Status.INFEASIBLE:
             return PlanResult(config, plan, None, None, {})
         if plan.status is not Status.SOLVED:
@@ -90,8 +108,8 @@ class Planner:
         return PlanResult(config, plan, certificate, None, {})
 
     @cached_property
-    def _robot_and_path(self) -> tuple[Robot | Walker, Path]:
-        return robot_and_path(self.config)
+    def _track(self) -> Track:
+        return build_track(self.config, *robot_and_path(self.config))
 
 
 def described(belief: Belief) -> str:

@@ -7,6 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from pydantic import BaseModel
+
 from robustopt.config_model import (
     AccelerationError,
     Collision,
@@ -32,7 +34,7 @@ from robustopt.config_model import (
     TruthConfig,
     UncertaintyConfig,
 )
-from robustopt.config_validate import validate
+from robustopt.config_validate import validate, with_sections
 from robustopt.config_yaml import Document, read_yaml, split_key, write_yaml
 from robustopt.errors import ConfigError
 
@@ -94,10 +96,24 @@ def _document(path: str | Path, overrides: Sequence[str]) -> Document:
 
 def with_values(config: Config, values: Mapping[str, Any]) -> Config:
     """A copy with other values at dotted keys, such as {"contact.friction": 0.3}, checked as `load_config` does."""
+    keys = {key: split_key(key) for key in values}
+    sections = {key[0] for key in keys.values()}
+    document = Document(data=_plain({str(name): _dumped(getattr(config, str(name), None)) for name in sections}))
+    for key, value in values.items():
+        document.assign(keys[key], Document(data=_plain(value)), f"{key}={value}")
+    if not document.problems and (changed := with_sections(config, document.data)) is not None:
+        return changed
     document = Document(data=_plain(config.model_dump(exclude_none=True)))
     for key, value in values.items():
-        document.assign(split_key(key), Document(data=_plain(value)), f"{key}={value}")
+        document.assign(keys[key], Document(data=_plain(value)), f"{key}={value}")
     return validate(document, config.folder)
+
+
+def _dumped(section: Any) -> Any:
+    """A section, or a mapping of sections, as plain data."""
+    if isinstance(section, dict):
+        return {name: _dumped(inner) for name, inner in section.items()}
+    return section.model_dump(exclude_none=True) if isinstance(section, BaseModel) else section
 
 
 def dump(config: Config) -> str:

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from pydantic.fields import FieldInfo
 
 from robustopt.config_check import check
-from robustopt.config_model import Config, ContactConfig, Section
+from robustopt.config_model import Config, ContactConfig, ObjectConfig, Section
 from robustopt.config_words import choices, expected, fields, found, in_unit, purpose, unwrap
 from robustopt.config_yaml import Document, Key
 from robustopt.errors import ConfigError
@@ -47,6 +47,26 @@ def validate(document: Document, folder: Path) -> Config:
     if problems or config is None:
         raise ConfigError(problems)
     return config
+
+
+def with_sections(config: Config, sections: dict[str, Any]) -> Config | None:
+    """A copy with some sections read from plain data; None where `validate` has to look at the whole."""
+    read: dict[str, Any] = {}
+    try:
+        for name, data in sections.items():
+            kind = Config.model_fields[name].annotation
+            if name == "objects":
+                read[name] = {
+                    key: ObjectConfig.model_validate(_frozen(item), strict=True) for key, item in data.items()
+                }
+            elif isinstance(kind, type) and issubclass(kind, Section):
+                read[name] = kind.model_validate(_frozen(data), strict=True)
+            else:
+                return None
+    except (ValidationError, KeyError):
+        return None
+    changed = config.model_copy(update=read)
+    return None if any(check(changed)) else changed
 
 
 def _model(data: dict[str, Any], folder: Path) -> Config:

@@ -14,11 +14,10 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from scipy.linalg import block_diag
 from scipy.spatial import ConvexHull, QhullError
 
 from robustopt.config import Config
-from robustopt.geometry import Patch, erode, patches, supports
+from robustopt.geometry import Patch, eroded, patches, supports
 
 Array = np.ndarray
 
@@ -43,6 +42,7 @@ class ContactSystem:
     generators: contact wrenches of the edges of all friction cones, shape (d, k); what the supports can exert is the
         cone of the columns
     facets: the same cone as facets @ w <= 0, shape (F, d), or None where only the generators are used
+    kinds: which of the names each facet belongs to, (F,)
     names: of the limits the system imposes: (slip, tipping) of one interface, or (balance,) of a bridge
     edges: friction edges per contact point, which are neighbouring columns of the generators
     interfaces: contacts by the names that the configuration has for their friction
@@ -53,6 +53,7 @@ class ContactSystem:
     points: tuple[Array, ...]
     generators: Array
     facets: Array | None
+    kinds: Array
     names: tuple[str, ...]
     edges: int
     interfaces: tuple[str, ...]
@@ -68,26 +69,19 @@ class ContactSystem:
 
     def about(self, points: Sequence[Array]) -> ContactSystem:
         """The same system with the moments of each balanced object about another point (3,)."""
-        moves = [about_point(new - old) for new, old in zip(points, self.points, strict=True)]
-        facets = self.facets
-        if facets is not None:
-            facets = facets @ np.linalg.inv(block_diag(*moves))
-        return replace(self, points=tuple(points), generators=block_diag(*moves) @ self.generators, facets=facets)
+        moved, facets = self.generators.copy(), None if self.facets is None else self.facets.copy()
+        for k, (new, old) in enumerate(zip(points, self.points, strict=True)):
+            block = slice(6 * k, 6 * k + 6)
+            moved[block] = about_point(new - old) @ moved[block]
+            if facets is not None:
+                facets[:, block] = facets[:, block] @ about_point(old - new)
+        return replace(self, points=tuple(points), generators=moved, facets=facets)
 
     def kind_of(self, rows: Array) -> Array:
-        """Which of the system's names facets or duals (F, d) belong to, shape (F,).
-
-        A row is the power of a motion of the body. Where all friction edges of a contact point lie on it, the motion
-        leaves that point where it is; where only some do, the point slides; the others lift off. A motion that lets
-        points lift off around such that stay, and none slide, is tipping; everything else is slip, pivoting included.
-        """
+        """Which of the system's names facets or duals (F, d) belong to, shape (F,)."""
         if len(self.names) == 1 or not len(rows):
             return np.zeros(len(rows), dtype=np.int64)
-        products = np.abs(rows @ self.generators)
-        flat = products <= 1e-7 * products.max(axis=1, keepdims=True)
-        flat = flat.reshape(len(rows), -1, self.edges)
-        stays, touches = flat.all(axis=2), flat.any(axis=2)
-        return (stays.any(axis=1) & (stays == touches).all(axis=1)).astype(np.int64)
+        return tips(rows, self.generators, self.edges).astype(np.int64)
 
 
 def skew(vector: Array) -> Array:
@@ -116,18 +110,36 @@ def wrench_generators(points: Array, mu: float, edges: int) -> Array:
     return np.column_stack([forces, np.cross(arms, forces)]).T
 
 
+@dataclass(frozen=True, eq=False)
+class UnitCone:
+    """The wrench cone of a flat patch at mu = 1, moments about the patch's origin.
+
+    facets: (F, 6), each scaled to -1 of the normal force, so that its value is a fraction of that; kinds: which of
+    slip (0) and tipping (1) each bounds, (F,)
+    """
+
+    facets: Array
+    kinds: Array
+
+
 @lru_cache(maxsize=256)
-def _unit_facets(polygon: tuple[tuple[float, float], ...], edges: int) -> Array:
-    """Facets of the wrench cone of a flat patch at mu = 1, moments about the patch's origin, shape (F, 6).
+def _unit_cone(polygon: tuple[tuple[float, float], ...], edges: int) -> UnitCone | None:
+    """The cone of a patch, or None where the hull code gives up or gives facets that cut off a generator.
 
     The section f_z = 1 of the cone is the hull of the generators, all of which have f_z = 1.
     """
     points = np.column_stack([np.array(polygon), np.zeros(len(polygon))])
-    section = wrench_generators(points, 1.0, edges)[[0, 1, 3, 4, 5]].T
-    equations = ConvexHull(section).equations
+    generators = wrench_generators(points, 1.0, edges)
+    try:
+        equations = ConvexHull(generators[[0, 1, 3, 4, 5]].T).equations
+    except QhullError:
+        return None
     facets = np.column_stack([equations[:, :2], equations[:, 5], equations[:, 2:5]])
     _, first = np.unique(np.round(facets / FACET_MERGE), axis=0, return_index=True)
-    return _merge_close(facets[np.sort(first)])
+    facets = _merge_close(facets[np.sort(first)])
+    facets /= -facets[:, 2:3]
+    outside = (facets @ generators).max()
+    return None if outside > FACET_TOLERANCE else UnitCone(facets, tips(facets, generators, edges).astype(np.int64))
 
 
 def _merge_close(facets: Array) -> Array:
@@ -144,11 +156,42 @@ def patch_facets(polygon: Array, mu: float, edges: int) -> Array:
     polygon: vertices (n, 2) [m]. The cone scales exactly with the coefficient of friction,
     A_mu = A_1 diag(1/mu, 1/mu, 1, 1, 1, 1/mu), and with the size of the patch, so one hull serves all. The origin must
     lie inside the patch; then every facet bounds the normal force from below, and is scaled to a coefficient -1 of it,
-    so that a row's value is a fraction of the normal force.
+    so that a row's value is a fraction of the normal force. Raises QhullError where the hull code fails.
     """
-    size = float(np.abs(polygon).max())
-    facets = _unit_facets(tuple(map(tuple, np.round(polygon / size, 12).tolist())), edges)
-    return facets / np.array([mu, mu, 1.0, size, size, mu * size]) / -facets[:, 2:3]
+    cone = _cone(polygon, edges)
+    if cone is None:
+        raise QhullError("the hull of the friction cone's section cannot be resolved")
+    return _scaled(cone, polygon, mu)
+
+
+def _size(polygon: Array) -> float:
+    return float(np.abs(polygon).max())
+
+
+def _cone(polygon: Array, edges: int) -> UnitCone | None:
+    """The unit cone of a patch of unit size."""
+    return _unit_cone(tuple(map(tuple, np.round(polygon / _size(polygon), 12).tolist())), edges)
+
+
+def _scaled(cone: UnitCone, polygon: Array, mu: float) -> Array:
+    """The facets of a unit cone for a coefficient of friction and the size of a patch."""
+    size = _size(polygon)
+    return cone.facets / np.array([mu, mu, 1.0, size, size, mu * size])
+
+
+def tips(rows: Array, generators: Array, edges: int) -> Array:
+    """Which rows (F, d) are tipping over contact points whose friction edges are neighbouring generators (d, k), (F,).
+
+    A row is the power of a motion of the body. Where all friction edges of a contact point lie on it, the motion
+    leaves that point where it is; where only some do, the point slides; the others lift off. A motion that lets
+    points lift off around such that stay, and none slide, is tipping; everything else is slip, pivoting included.
+    """
+    products = np.abs(rows @ generators)
+    flat = products <= 1e-7 * products.max(axis=1, keepdims=True)
+    flat = flat.reshape(len(rows), -1, edges)
+    stays, touches = flat.all(axis=2), flat.any(axis=2)
+    tips: Array = stays.any(axis=1) & (stays == touches).all(axis=1)
+    return tips
 
 
 def contact_systems(
@@ -168,8 +211,7 @@ def contact_systems(
 def _eroded(patch: Patch, shift: float) -> Patch:
     if shift == 0.0:
         return patch
-    polygon = erode(patch.polygon, shift, patch.yaw)
-    return Patch(object=patch.object, support=patch.support, polygon=polygon, z=patch.z, yaw=patch.yaw)
+    return replace(patch, polygon=eroded(patch, shift))
 
 
 def carried(config: Config, name: str) -> tuple[str, ...]:
@@ -223,13 +265,15 @@ def _system(
         blocks.append(column)
     bridges = [name for name in group if len(supports(config.objects[name])) > 1]
     balance = " and ".join(f"balance of {name} on {' and '.join(supports(config.objects[name]))}" for name in bridges)
+    facets = _facets(own[0], friction[own[0].object], edges) if len(own) == 1 else None
     interface = [f"slip of {own[0].object} on {own[0].support}", f"tipping of {own[0].object} over {own[0].support}"]
     return ContactSystem(
         objects=group,
         loads=tuple(_load(config, name, group) for name in group),
         points=tuple(np.zeros(3) for _ in group),
         generators=np.hstack(blocks),
-        facets=_facets(own[0], friction[own[0].object], edges) if len(own) == 1 else None,
+        facets=None if facets is None else facets[0],
+        kinds=np.zeros(0, dtype=np.int64) if facets is None else facets[1],
         names=(balance,) if bridges else tuple(interface),
         edges=edges,
         interfaces=group,
@@ -249,20 +293,15 @@ def _corners(patch: Patch) -> Array:
     return np.column_stack([patch.polygon, np.full(len(patch.polygon), patch.z)])
 
 
-def _facets(patch: Patch, mu: float, edges: int) -> Array | None:
-    """Facets of one interface about the tray's origin, (F, 6); None where the force-level program is the better way.
+def _facets(patch: Patch, mu: float, edges: int) -> tuple[Array, Array] | None:
+    """Facets of one interface about the tray's origin, (F, 6), and their kinds (F,).
 
-    That is for cones of many generators, whose facets are thousands, and where the hull code gives up on a section
-    whose symmetry it cannot resolve, or gives facets that do not hold all generators.
+    None where the force-level program is the better way: for cones of many generators, whose facets are thousands, and
+    where the hull code gives up on a section whose symmetry it cannot resolve, or its facets cut off a generator.
     """
     if len(patch.polygon) * edges > MOST_GENERATORS:
         return None
     centre = np.append(patch.polygon.mean(axis=0), patch.z)
     local = patch.polygon - centre[:2]
-    try:
-        facets = patch_facets(local, mu, edges)
-    except QhullError:
-        return None
-    generators = wrench_generators(np.column_stack([local, np.zeros(len(local))]), mu, edges)
-    outside = (facets @ generators).max()
-    return None if outside > FACET_TOLERANCE else facets @ about_point(centre)
+    cone = _cone(local, edges)
+    return None if cone is None else (_scaled(cone, local, mu) @ about_point(centre), cone.kinds)

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -137,7 +139,7 @@ class Placement:
     half_height: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Patch:
     """Overlap of an object's base with the upper face of what it stands on.
 
@@ -177,18 +179,36 @@ def standing_order(objects: Mapping[str, ObjectConfig]) -> tuple[str, ...]:
     return tuple(order)
 
 
+Solids = tuple[tuple[str, ObjectConfig], ...]
+
+
+def solids(config: Config) -> Solids:
+    """Names and shapes of the objects, without what does not matter for where they stand."""
+    return tuple((name, body.model_copy(update=_WITHOUT_MASS)) for name, body in config.objects.items())
+
+
+_WITHOUT_MASS = {"mass": 1.0, "center_of_mass": (0.0, 0.0, 0.0), "inertia": None}
+
+
 def placements(config: Config) -> dict[str, Placement]:
     """Where each object stands, by name; supports come before what stands on them."""
-    tray = Placement(position=np.zeros(3), yaw=0.0, half_height=0.5 * config.carried_tray.size[2])
-    placed = {"tray": tray}
-    for name in standing_order(config.objects):
-        body = config.objects[name]
+    return dict(_placements(config.carried_tray.size, solids(config)))
+
+
+@lru_cache(maxsize=64)
+def _placements(tray_size: tuple[float, float, float], solids: Solids) -> dict[str, Placement]:
+    tray = Placement(position=np.zeros(3), yaw=0.0, half_height=0.5 * tray_size[2])
+    placed, objects = {"tray": tray}, dict(solids)
+    for name in standing_order(objects):
+        body = objects[name]
         below = [placed[support] for support in supports(body)]
         frame = below[0] if len(below) == 1 else tray
         top = below[0].position[2] + below[0].half_height
         base = frame.position[:2] + rotation(frame.yaw) @ np.array(body.at)
         h = half_height(body)
-        placed[name] = Placement(position=np.array([*base, top + h]), yaw=frame.yaw + body.yaw, half_height=h)
+        position = np.array([*base, top + h])
+        position.setflags(write=False)
+        placed[name] = Placement(position=position, yaw=frame.yaw + body.yaw, half_height=h)
     del placed["tray"]
     return placed
 
@@ -203,16 +223,50 @@ def footprint(body: ObjectConfig, placement: Placement, points: int) -> Array:
 
 def patches(config: Config) -> tuple[Patch, ...]:
     """Contact patch of every interface, in the order of `placements`; a bridge has two."""
-    points = config.contact.patch_points
-    placed = placements(config)
-    faces = {"tray": rectangle(np.zeros(2), np.array(config.carried_tray.size))}
+    return _patches(config.carried_tray.size, solids(config), config.contact.patch_points)
+
+
+@lru_cache(maxsize=64)
+def _patches(tray_size: tuple[float, float, float], solids: Solids, points: int) -> tuple[Patch, ...]:
+    objects = dict(solids)
+    faces = {"tray": rectangle(np.zeros(2), np.array(tray_size))}
     yaws = {"tray": 0.0}
     found = []
-    for name, placement in placed.items():
-        body = config.objects[name]
+    for name, placement in _placements(tray_size, solids).items():
+        body = objects[name]
         faces[name] = footprint(body, placement, points)
         yaws[name] = placement.yaw
         z = float(placement.position[2]) - placement.half_height
         for support in supports(body):
-            found.append(Patch(name, support, clip(faces[name], faces[support]), z, yaws[support]))
+            polygon = clip(faces[name], faces[support])
+            polygon.setflags(write=False)
+            found.append(Patch(name, support, polygon, z, yaws[support]))
+    return tuple(found)
+
+
+@lru_cache(maxsize=256)
+def eroded(patch: Patch, distance: float) -> Array:
+    """What is left of a patch when each of its corners may be `distance` off along x and y of the supporting body."""
+    polygon = erode(patch.polygon, distance, patch.yaw) if distance > 0 else patch.polygon
+    polygon.setflags(write=False)
+    return polygon
+
+
+@lru_cache(maxsize=64)
+def base_outline(patches: tuple[Patch, ...]) -> Array:
+    """Convex hull of contact patches, shape (k, 2)."""
+    return convex_hull(np.vstack([patch.polygon for patch in patches]))
+
+
+@lru_cache(maxsize=64)
+def overlaps(tray_size: tuple[float, float, float], solids: Solids, points: int) -> tuple[tuple[str, str], ...]:
+    """Pairs of objects that are in each other; `points` corners for the outline of a round one."""
+    objects, placed = dict(solids), _placements(tray_size, solids)
+    outline = {name: footprint(objects[name], place, points) for name, place in placed.items()}
+    found = []
+    for first, second in combinations(placed, 2):
+        a, b = placed[first], placed[second]
+        overlap = a.half_height + b.half_height - abs(a.position[2] - b.position[2])
+        if overlap > RESOLUTION and area(clip(outline[first], outline[second])) > 0:
+            found.append((first, second))
     return tuple(found)

@@ -16,22 +16,19 @@ W_gk are exact interval terms and the R_gk bounded remainders (see `uncertainty`
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numba as nb
 import numpy as np
 
+from robustopt.cutting import MAX_VERTICES, cut_family, cut_rows, family_values
 from robustopt.errors import SolverFailed
 
 Array = np.ndarray
 
-MAX_VERTICES = 96
-TOLERANCE = 1e-10
-"""Largest violation of a row, relative to the limit, that a vertex of a polygon may keep: ten times rounding error."""
-
-ROUNDING = 1e-14
-"""Part of the largest terms of a row in a polygon by which its value at a vertex may be off; this matters only
-far from any plan."""
+ROOM = 16
+"""Vertices that stored polygons have room for at first; waiter tasks need fewer. They get as much as they need."""
 
 EDGE_LENGTH = 1e-9
 """Edges of a feasible polygon shorter than this part of the polygon are rounding errors, not rows."""
@@ -44,20 +41,13 @@ class Polygons(NamedTuple):
     """One polygon per grid point: vertices (u, x) counter-clockwise, and the row of the edge that starts at each.
 
     vertices: (P, V, 2); rows: (P, V, 3), a u + b x + c <= 0; names: (P, V); sizes: (P,), the number of vertices, 0
-    where nothing is feasible
+    where nothing is feasible. Cutting leaves them as they are and returns new ones.
     """
 
     vertices: Array
     rows: Array
     names: Array
     sizes: Array
-
-    def copy(self) -> Polygons:
-        return Polygons(*(array.copy() for array in self))
-
-    def at(self, points: slice) -> Polygons:
-        """The polygons at some grid points, the same arrays: to cut these is to cut the whole."""
-        return Polygons(*(array[points] for array in self))
 
 
 class Loads(NamedTuple):
@@ -115,9 +105,8 @@ def facet_family(facets: Array, loads: Loads, names: Array) -> Family:
 def start(u_bound: Array, x_max: Array, velocity_name: Array) -> Polygons:
     """Rectangles |u| <= u_bound, 0 <= x <= x_max, both (P,)."""
     points = len(x_max)
-    vertices = np.zeros((points, MAX_VERTICES, 2))
-    rows = np.zeros((points, MAX_VERTICES, 3))
-    names = np.full((points, MAX_VERTICES), NO_NAME)
+    polygons = _empty(points, 4)
+    vertices, rows, names = polygons.vertices, polygons.rows, polygons.names
     vertices[:, 0, 0] = vertices[:, 3, 0] = -u_bound
     vertices[:, 1, 0] = vertices[:, 2, 0] = u_bound
     vertices[:, 2, 1] = vertices[:, 3, 1] = x_max
@@ -126,207 +115,99 @@ def start(u_bound: Array, x_max: Array, velocity_name: Array) -> Polygons:
     rows[:, 2, 1], rows[:, 2, 2] = 1.0, -x_max
     rows[:, 3, 0], rows[:, 3, 2] = -1.0, -u_bound
     names[:, 2] = velocity_name
-    return Polygons(vertices, rows, names, np.full(points, 4))
+    polygons.sizes[:] = 4
+    return polygons
 
 
-def cut(polygons: Polygons, family: Family) -> None:
-    """Cut the polygons with a family of rows. Raises SolverFailed where one would have more than MAX_VERTICES edges."""
-    if len(family.names) and not _cut_family(polygons, family):
-        raise SolverFailed(f"a feasible polygon at a grid point has more than {MAX_VERTICES} edges")
+def _empty(points: int, room: int) -> Polygons:
+    vertices, rows = np.zeros((points, room, 2)), np.zeros((points, room, 3))
+    return Polygons(vertices, rows, np.full((points, room), NO_NAME), np.zeros(points, dtype=np.int64))
 
 
-@nb.njit(cache=True)
-def _copy(R, L, k, R2, L2, m):
-    """Row and name of edge k become those of edge m, without temporary arrays."""
-    R2[m, 0], R2[m, 1], R2[m, 2], L2[m] = R[k, 0], R[k, 1], R[k, 2], L[k]
+def cut(polygons: Polygons, family: Family) -> Polygons:
+    """Polygons cut with a family of rows. Raises SolverFailed where one would have more than MAX_VERTICES edges."""
+    return _stored(cut_family, polygons, _in_sixes(family)) if len(family.names) else polygons
 
 
-@nb.njit(cache=True)
-def _clip(V, R, L, valid, n, a, b, c, name, V2, R2, L2, valid2):
-    """Keep the part of a polygon with a u + b x + c <= 0; the new edge takes the row's name. Returns the count."""
-    m = 0
-    before = a * V[n - 1, 0] + b * V[n - 1, 1] + c
-    for k in range(n):
-        value = a * V[k, 0] + b * V[k, 1] + c
-        if (value > 0.0) != (before > 0.0):
-            share = before / (before - value)
-            p = k - 1 if k > 0 else n - 1
-            for j in range(2):
-                V2[m, j] = V[p, j] + share * (V[k, j] - V[p, j])
-            valid2[m] = False
-            if value > 0.0:
-                R2[m, 0], R2[m, 1], R2[m, 2], L2[m] = a, b, c, name
-            else:
-                _copy(R, L, p, R2, L2, m)
-            m += 1
-        if value <= 0.0:
-            V2[m, 0], V2[m, 1], valid2[m] = V[k, 0], V[k, 1], valid[k]
-            _copy(R, L, k, R2, L2, m)
-            m += 1
-        before = value
-    for k in range(m):
-        V[k, 0], V[k, 1], valid[k] = V2[k, 0], V2[k, 1], valid2[k]
-        _copy(R2, L2, k, R, L, k)
-    return m
+def _in_sixes(family: Family) -> Family:
+    """The family with zeros added to its load, which the compiled loops take six numbers at a time."""
+    missing = -family.B.shape[2] % 6
+    if not missing:
+        return family
+
+    def padded(array: Array) -> Array:
+        return np.pad(array, [(0, 0), (0, missing), *[(0, 0)] * (array.ndim - 2)])
+
+    loads, over_rows = family.loads, ("nominal", "terms", "constant", "remainder")
+    return family._replace(
+        B=np.pad(family.B, [(0, 0), (0, 0), (0, missing)]),
+        loads=loads._replace(**{name: padded(getattr(loads, name)) for name in over_rows}),
+    )
 
 
-@nb.njit(cache=True)
-def cut_affine(polygons, rows, names):
-    """Cut with rows a u + b x + c <= 0, shape (P, F, 3), of the names (F,)."""
-    V2, R2 = np.empty((MAX_VERTICES, 2)), np.empty((MAX_VERTICES, 3))
-    L2 = np.empty(MAX_VERTICES, np.int64)
-    valid, valid2 = np.zeros(MAX_VERTICES, np.bool_), np.zeros(MAX_VERTICES, np.bool_)
-    for i in range(len(polygons.sizes)):
-        V, R, L, n = polygons.vertices[i], polygons.rows[i], polygons.names[i], polygons.sizes[i]
-        for f in range(rows.shape[1]):
-            if n >= 3:
-                n = _clip(V, R, L, valid, n, rows[i, f, 0], rows[i, f, 1], rows[i, f, 2], names[f], V2, R2, L2, valid2)
-        polygons.sizes[i] = n if n >= 3 else 0
+def cut_part(polygons: Polygons, family: Family, first: int, last: int) -> Polygons:
+    """Polygons of which those at the grid points `first` to `last`, both included, are cut; all of them if `last` < 0.
 
-
-@nb.njit(cache=True)
-def _wrenches(coefficients, u, x, out):
-    """out[k] = coefficients (d, n, 3) at (u, x), shape (n, d)."""
-    for k in range(coefficients.shape[1]):
-        for j in range(coefficients.shape[0]):
-            out[k, j] = coefficients[j, k, 0] * u + coefficients[j, k, 1] * x + coefficients[j, k, 2]
-
-
-@nb.njit(cache=True)
-def _add_products(columns, wrench, out):
-    """out += B wrench for the columns (d, F) of B; the inner loop runs over the rows, which the compiler vectorises."""
-    for j in range(len(wrench)):
-        weight = wrench[j]
-        if weight != 0.0:
-            for f in range(len(out)):
-                out[f] += weight * columns[j, f]
-
-
-@nb.njit(cache=True)
-def _add_sizes(columns, wrench, products, out):
-    """out += |B wrench + products|; products is overwritten."""
-    _add_products(columns, wrench, products)
-    for f in range(len(out)):
-        out[f] += abs(products[f])
-        products[f] = 0.0
-
-
-@nb.njit(cache=True)
-def _active_piece(family, i, f, swings, remains, u, x):
-    """Affine piece (a, b, c) of row f at grid point i that is active at (u, x): its value there is a u + b x + c."""
-    loads, row = family.loads, family.B[i if family.B.shape[0] > 1 else 0, f]
-    sums = np.zeros((len(loads.lowest), 3))
-    for g in range(len(loads.lowest)):
-        for j in range(len(row)):
-            sums[g] += row[j] * loads.nominal[i, j, g]
-    for k in range(len(loads.group)):
-        sign = -1.0 if np.dot(row, swings[k]) < 0.0 else 1.0
-        for j in range(len(row)):
-            sums[loads.group[k]] += sign * row[j] * loads.terms[i, j, k]
-    for k in range(len(loads.constant_group)):
-        product = family.base_terms[i, f, k] if family.base_terms.shape[0] else 0.0
-        for j in range(len(row)):
-            product += row[j] * loads.constant[i, j, k]
-        sums[loads.constant_group[k], 2] += abs(product)
-    for k in range(len(loads.remainder_group)):
-        for j in range(len(row)):
-            weight = abs(row[j]) * (-1.0 if remains[k, j] < 0.0 else 1.0)
-            sums[loads.remainder_group[k]] += weight * loads.remainder[i, j, k]
-    piece = family.base[i, f].copy() if family.base.shape[0] else np.zeros(3)
-    for g in range(len(loads.lowest)):
-        value = sums[g, 0] * u + sums[g, 1] * x + sums[g, 2]
-        piece += (loads.highest[g] if value > 0.0 else loads.lowest[g]) * sums[g]
-    return piece
-
-
-@nb.njit(cache=True)
-def _cut_family(polygons, family):
-    """Cut each polygon until no vertex violates a row. False where a polygon grew beyond MAX_VERTICES."""
-    B, loads, base, base_terms, names = family
-    F, d, G = B.shape[1], B.shape[2], len(loads.lowest)
-    V2, R2 = np.empty((MAX_VERTICES, 2)), np.empty((MAX_VERTICES, 3))
-    L2 = np.empty(MAX_VERTICES, np.int64)
-    valid, valid2 = np.zeros(MAX_VERTICES, np.bool_), np.zeros(MAX_VERTICES, np.bool_)
-    central = np.zeros((G, d))
-    swings, remains = np.zeros((len(loads.group), d)), np.zeros((len(loads.remainder_group), d))
-    columns, sizes = np.zeros((d, F)), np.zeros((d, F))
-    margin, values, total, products = np.zeros((G, F)), np.zeros((G, F)), np.zeros(F), np.zeros(F)
-    box = np.zeros((G, d))
-    filled = False
-    for i in range(len(polygons.sizes)):
-        n = polygons.sizes[i]
-        if n < 3:
-            continue
-        V, R, L = polygons.vertices[i], polygons.rows[i], polygons.names[i]
-        if B.shape[0] > 1 or not filled:
-            columns[:] = (B[i] if B.shape[0] > 1 else B[0]).T
-            sizes[:] = np.abs(columns)
-            filled = True
-        margin[:] = 0.0
-        for k in range(len(loads.constant_group)):
-            if base_terms.shape[0]:
-                products[:] = base_terms[i, :, k]
-            _add_sizes(columns, loads.constant[i, :, k], products, margin[loads.constant_group[k]])
-        u_size, x_size = np.abs(V[:n, 0]).max(), np.abs(V[:n, 1]).max()
-        valid[:] = False
-        finished = False
-        for _ in range(20 * MAX_VERTICES):
-            vertex = -1
-            for k in range(n):
-                if not valid[k]:
-                    vertex = k
-                    break
-            if vertex < 0:
-                finished = True
-                break
-            u, x = V[vertex, 0], V[vertex, 1]
-            _wrenches(loads.nominal[i], u, x, central)
-            _wrenches(loads.terms[i], u, x, swings)
-            _wrenches(loads.remainder[i], u, x, remains)
-            values[:] = margin
-            for g in range(G):
-                _add_products(columns, central[g], values[g])
-            for k in range(len(loads.group)):
-                _add_sizes(columns, swings[k], products, values[loads.group[k]])
-            if len(loads.remainder_group):
-                box[:] = 0.0
-                for k in range(len(loads.remainder_group)):
-                    box[loads.remainder_group[k]] += np.abs(remains[k])
-                for g in range(G):
-                    _add_products(sizes, box[g], values[g])
-            total[:] = 0.0
-            for f in range(base.shape[1]):
-                total[f] = base[i, f, 0] * u + base[i, f, 1] * x + base[i, f, 2]
-            for g in range(G):
-                for f in range(F):
-                    total[f] += values[g, f] * (loads.highest[g] if values[g, f] > 0.0 else loads.lowest[g])
-            worst = np.argmax(total)
-            if total[worst] <= TOLERANCE:
-                valid[vertex] = True
-                continue
-            a, b, c = _active_piece(family, i, worst, swings, remains, u, x)
-            if total[worst] <= ROUNDING * (abs(a) * u_size + abs(b) * x_size + abs(c)):
-                valid[vertex] = True
-                continue
-            n = _clip(V, R, L, valid, n, a, b, c, names[worst], V2, R2, L2, valid2)
-            if n < 3:
-                n, finished = 0, True
-                break
-            if n > MAX_VERTICES - 2:
-                break
-        if not finished:
-            return False
-        polygons.sizes[i] = n
-    return True
-
-
-@nb.njit(cache=True)
-def edge_slots(vertices, edge_names, count, joints, names):
-    """Number of each edge among the edges of its name at its grid point; -1 for what is no row, (P, V).
-
-    Names below `joints` are those of velocity bounds, which are no rows.
+    The family is that of all grid points.
     """
-    slots = np.full(edge_names.shape, -1)
+    if last < 0 or not len(family.names):
+        return cut(polygons, family)
+    part = slice(first, last + 1)
+    inner = cut(Polygons(*(array[part] for array in polygons)), family._replace(loads=family.loads.at(part)))
+    result = _empty(len(polygons.sizes), max(polygons.names.shape[1], inner.names.shape[1]))
+    for array, before, after in zip(result, polygons, inner, strict=True):
+        if array.ndim > 1:
+            array[:, : before.shape[1]] = before
+            array[part, : after.shape[1]] = after
+        else:
+            array[:], array[part] = before, after
+    return result
+
+
+def cut_affine(polygons: Polygons, rows: Array, names: Array) -> Polygons:
+    """Polygons cut with rows a u + b x + c <= 0, shape (P, F, 3), of the names (F,)."""
+    return _stored(cut_rows, polygons, (np.ascontiguousarray(rows), names)) if len(names) else polygons
+
+
+def evaluate(family: Family, points: Array, u: Array, x: Array) -> Array:
+    """Values of a family at (u, x), (M,) each, at grid points (M,) with every parameter at its worst, (M, F)."""
+    values = np.zeros((len(points), len(family.names)))
+    family_values(family, points, u, x, values)
+    return values
+
+
+def _stored(kernel: Callable[..., int], polygons: Polygons, limits: Family | tuple[Array, Array]) -> Polygons:
+    """What a kernel makes of the polygons, in as much room as the largest of them needs."""
+    room = max(ROOM, polygons.names.shape[1])
+    while True:
+        result = _empty(len(polygons.sizes), room)
+        largest = kernel(polygons, limits, result)
+        if largest > MAX_VERTICES:
+            raise SolverFailed(f"a feasible polygon at a grid point has more than {MAX_VERTICES} edges")
+        if largest <= room:
+            return result
+        room = largest
+
+
+def edge_rows(polygons: Polygons, joints: int, names: int) -> tuple[Array, Array]:
+    """Edges of the polygons as rows (P, m, 3), and the index of the name of each column (m,).
+
+    The columns of one name are as many as one grid point needs at most; columns that a point does not need hold
+    always. Names below `joints` are those of velocity bounds, which are no rows.
+    """
+    slots, width = _edge_slots(polygons.vertices, polygons.names, polygons.sizes, joints, names)
+    first = np.cumsum(width) - width
+    rows = np.zeros((len(polygons.sizes), width.sum(), 3))
+    rows[:, :, 2] = -1.0
+    _place(polygons.rows, polygons.names, polygons.sizes, slots, first, rows)
+    return rows, np.repeat(np.arange(names), width)
+
+
+@nb.njit(cache=True, nogil=True)
+def _edge_slots(vertices, edge_names, count, joints, names):
+    """Number of each edge among the edges of its name at its grid point; -1 for what is no row, (P, V); and how many
+    edges of each name a grid point has at most (names,)."""
+    slots, width = np.full(edge_names.shape, -1), np.zeros(names, np.int64)
     used = np.zeros(names, np.int64)
     for i in range(len(count)):
         used[:] = 0
@@ -344,4 +225,15 @@ def edge_slots(vertices, edge_names, count, joints, names):
                 continue
             slots[i, k] = used[name]
             used[name] += 1
-    return slots
+            width[name] = max(width[name], used[name])
+    return slots, width
+
+
+@nb.njit(cache=True, nogil=True)
+def _place(edges, edge_names, count, slots, first, rows):
+    """Put the edges that are rows into their columns."""
+    for i in range(len(count)):
+        for k in range(count[i]):
+            if slots[i, k] >= 0:
+                for j in range(3):
+                    rows[i, first[edge_names[i, k]] + slots[i, k], j] = edges[i, k, j]

@@ -15,17 +15,10 @@ import numpy as np
 from robustopt.config import Config
 from robustopt.contact import contact_systems
 from robustopt.path import Path, build_path
-from robustopt.polygons import Polygons, cut, cut_affine, edge_slots, facet_family, start
+from robustopt.polygons import Polygons, cut_affine, cut_part, edge_rows, facet_family, start
 from robustopt.robot import Robot, load_robot
-from robustopt.rows import (
-    ContactFamily,
-    PathMotion,
-    TorqueFamily,
-    acceleration_rows,
-    body_loads,
-    path_motion,
-    torque_family,
-)
+from robustopt.rows import ContactFamily, PathMotion, TorqueFamily
+from robustopt.track import Error, Track, build_track
 from robustopt.uncertainty import acceleration_error, bodies, contact_shift, friction
 from robustopt.walker import Walker, load_walker
 from robustopt.walking import StandingTorque, WalkMotion, walking_families
@@ -33,43 +26,11 @@ from robustopt.walking_path import WalkingPath, build_walking_path
 
 Array = np.ndarray
 
-REST_REFINEMENT = 0.45
-"""Share of cosine spacing in the grid of a piece, the rest is uniform: finer towards rest, where sd is like sqrt(s).
-With 0.45, 200 intervals are within 0.3 % of a fine grid on all waiter tasks; below 0.4 and above 0.55 not on all."""
-
 STANDARD_GRAVITY = 9.81
 """Turns a mass into the weight that contact rows are a fraction of, whatever the configured gravity [m/s^2]."""
 
-LEAST_RATE = 1e-3
-"""Where q' vanishes, sd and sdd are bounded as if it were this part of its largest value, far beyond what other grid
-points and the bend q'' leave of them."""
-
 WITHOUT_LIMIT = 1e3
 """A problem without its joint acceleration limits still bounds |u|, but by this factor further out."""
-
-
-def gridpoints(path: Path, intervals: int) -> tuple[Array, Array]:
-    """Grid of a path: s (P,) and the piece of each grid point (P,); stops are doubled, P = intervals + pieces."""
-    lengths = np.diff(path.breaks)
-    counts = _apportion(lengths, intervals)
-    s, piece = [], []
-    for k, count in enumerate(counts):
-        xi = np.linspace(0.0, 1.0, count + 1)
-        spaced = (1 - REST_REFINEMENT) * xi + REST_REFINEMENT * (1 - np.cos(np.pi * xi)) / 2
-        points = path.breaks[k] + lengths[k] * spaced
-        points[0], points[-1] = path.breaks[k], path.breaks[k + 1]
-        s.append(points)
-        piece.append(np.full(count + 1, k))
-    return np.concatenate(s), np.concatenate(piece)
-
-
-def _apportion(lengths: Array, total: int) -> list[int]:
-    """Split `total` intervals in proportion to the lengths, at least two each, by largest remainders."""
-    shares = np.maximum(lengths / lengths.sum() * total, 2.0)
-    counts = np.floor(shares).astype(int)
-    for k in np.argsort(counts - shares, kind="stable")[: max(total - counts.sum(), 0)]:
-        counts[k] += 1
-    return [int(count) for count in counts]
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +109,9 @@ class TimeScalingProblem:
 
     def counts(self, index: Array) -> Array:
         """Whether the limits of these indices into `limits.names` are among those that count, (k,)."""
-        return np.array([self.kept is None or self.limits.names[k] in self.kept for k in index], dtype=bool)
+        if self.kept is None:
+            return np.ones(len(index), dtype=bool)
+        return np.array([self.limits.names[k] in self.kept for k in index], dtype=bool)
 
     def torque_excess(self, u: Array, x: Array, points: Array) -> float:
         """Largest part of a torque limit by which an arm's exact torque exceeds it, for any value of the parameters.
@@ -193,61 +156,59 @@ def robot_and_path(config: Config) -> tuple[Robot | Walker, Path]:
 
 def build_rows(config: Config, robot: Robot | Walker, path: Path) -> TimeScalingProblem:
     """The problem of a configuration whose robot and path are at hand."""
-    s, piece = gridpoints(path, config.solver.collocation_points)
-    for switch in path.switches:  # the limits on both sides of it hold there
-        s[1 + np.argmin(np.abs(s[1:-1] - switch))] = switch
-    rest = np.zeros(len(s), dtype=bool)
-    rest[[0, -1]] = True
-    doubled = np.flatnonzero(np.diff(s) == 0)
-    rest[doubled] = rest[doubled + 1] = True
-    limits = _limits(config, robot, path, s, piece)
+    return rows_along(build_track(config, robot, path), config)
+
+
+def rows_along(track: Track, config: Config) -> TimeScalingProblem:
+    """The problem of a configuration whose robot, path and number of collocation points are those of the track."""
+    limits = _limits(config, track)
     facets = tuple(_scaled_facets(family) for family in limits.contacts)
-    names = tuple(_name_index(family, rows, limits.names) for family, rows in zip(limits.contacts, facets, strict=True))
-    empty = np.zeros((len(s), 0))
+    names = tuple(limits.names.index(family.system.names[0]) + family.system.kinds for family in limits.contacts)
+    points = len(track.s)
+    empty = np.zeros((points, 0))
     bare = TimeScalingProblem(
-        config, robot, path, s, piece, rest, empty, empty, empty, (), np.where(rest, 0.0, limits.x_max),
-        tuple(limits.names[k] for k in limits.velocity_name), np.ones(len(s), dtype=bool), limits, facets, names,
-        np.full(len(s), np.nan),
+        config, track.robot, track.path, track.s, track.piece, track.rest, empty, empty, empty, (),
+        np.where(track.rest, 0.0, track.x_max), track.velocity_names,
+        np.ones(points, dtype=bool), limits, facets, names, np.full(points, np.nan),
     )  # fmt: skip
     return _with_rows(bare, facets, names, bare.reference)
 
 
-def _limits(config: Config, robot: Robot | Walker, path: Path, s: Array, piece: Array) -> Limits:
-    q, q1, q2 = (path.evaluate(s, piece, order) for order in (0, 1, 2))
-    middle, radius = error = acceleration_error(config, robot.n)
-    motion: PathMotion | WalkMotion
-    torque: TorqueFamily | StandingTorque
-    if isinstance(robot, Walker):
-        assert isinstance(path, WalkingPath)
-        motion, contacts, torque = walking_families(config, robot, path, s, q, q1, q2, np.stack(error))
-    else:
-        motion, contacts, torque = _carrying_families(config, robot, q, q1, q2, np.stack(error))
-    names = _all_names(robot, contacts)
-    x_max, fastest = _velocity_bound(q1, robot.limits.velocity)
-    outline = _outline(motion, robot, middle, x_max, fastest)
-    acceleration = acceleration_rows(motion, robot.limits, middle, radius)
-    return Limits(motion, outline, acceleration, contacts, torque, names, x_max, fastest)
+def _limits(config: Config, track: Track) -> Limits:
+    error = acceleration_error(config, track.robot.n)
+    families = _walking_families if isinstance(track.robot, Walker) else _carrying_families
+    contacts, torque = families(config, track, error)
+    return Limits(
+        track.motion, track.outline(error), track.acceleration(error), contacts, torque,
+        _all_names(track.robot, contacts), track.x_max, track.fastest,
+    )  # fmt: skip
+
+
+def _walking_families(
+    config: Config, track: Track, error: Error
+) -> tuple[tuple[ContactFamily, ...], TorqueFamily | StandingTorque]:
+    """Contacts and joint torques of a robot on its feet."""
+    assert isinstance(track.robot, Walker)
+    assert isinstance(track.path, WalkingPath)
+    assert isinstance(track.motion, WalkMotion)
+    return walking_families(config, track.robot, track.path, track.s, track.motion, track.walking_loads(config, error))
 
 
 def _carrying_families(
-    config: Config, robot: Robot, q: Array, q1: Array, q2: Array, error: Array
-) -> tuple[PathMotion, tuple[ContactFamily, ...], TorqueFamily]:
-    """Motion, contacts and joint torques of an arm that carries a tray.
-
-    q, q1, q2: (P, n); error: middle and half-width of the acceleration error, (2, n)
-    """
-    motion, (middle, radius) = path_motion(q1, q2, robot.dynamics(q, q1, q2)), error
+    config: Config, track: Track, error: Error
+) -> tuple[tuple[ContactFamily, ...], TorqueFamily | StandingTorque]:
+    """Contacts and joint torques of an arm that carries a tray."""
     everything = bodies(config)
     systems = contact_systems(config, friction(config), contact_shift(config))
     contacts = []
     for system in systems:
-        loaded = [[everything[name] for name in row] for row in system.loads]
+        loaded = tuple(tuple(everything[name] for name in row) for row in system.loads)
         parameters = [np.sum([body.nominal for body in row], axis=0) for row in loaded]
         centred = system.about([phi[1:4] / phi[0] for phi in parameters])
         weight = STANDARD_GRAVITY * sum(phi[0] for phi in parameters)
-        contacts.append(ContactFamily(centred, body_loads(motion, loaded, centred.points, middle, radius), weight))
-    payload = body_loads(motion, [list(everything.values())], [np.zeros(3)], middle, radius)
-    return motion, tuple(contacts), torque_family(motion, robot.limits, payload, middle, radius)
+        contacts.append(ContactFamily(centred, track.loads(loaded, centred.points, error), weight))
+    payload = track.loads((tuple(everything.values()),), (np.zeros(3),), error)
+    return tuple(contacts), track.torque(payload, error)
 
 
 def _all_names(robot: Robot | Walker, contacts: tuple[ContactFamily, ...]) -> tuple[str, ...]:
@@ -256,31 +217,6 @@ def _all_names(robot: Robot | Walker, contacts: tuple[ContactFamily, ...]) -> tu
     for family in contacts:
         names += family.system.names
     return tuple(dict.fromkeys(names))
-
-
-def _velocity_bound(q1: Array, velocity: Array) -> tuple[Array, Array]:
-    """Largest x that the joint velocities allow, (P,), and which joint bounds it, (P,)."""
-    ratio = np.abs(q1) / velocity
-    fastest = np.argmax(ratio, axis=1)
-    return 1.0 / _without_zeros(ratio.max(axis=1)) ** 2, fastest
-
-
-def _outline(
-    motion: PathMotion | WalkMotion, robot: Robot | Walker, middle: Array, x_max: Array, fastest: Array
-) -> Polygons:
-    """Rectangles that hold every (u, x) of the acceleration limits, twice as wide as they need to be."""
-    limit = robot.limits.acceleration
-    rate = np.abs(motion.q1) / limit
-    lead = np.argmax(rate, axis=1)
-    row = np.arange(len(x_max))
-    bend = np.abs(motion.q2[row, lead]) / limit[lead] * x_max
-    reach = (1.0 + (np.abs(middle) / limit)[lead] + bend) / _without_zeros(rate[row, lead])
-    return start(2.0 * reach, x_max, fastest)
-
-
-def _without_zeros(rates: Array) -> Array:
-    """Rates of the fastest joint along the path (P,), bounded from below where joints turn around together."""
-    return np.maximum(rates, LEAST_RATE * rates.max())
 
 
 def _name_index(family: ContactFamily, rows: Array, names: tuple[str, ...]) -> Array:
@@ -301,34 +237,19 @@ def _with_rows(
     limits, n = problem.limits, problem.robot.n
     counts = problem.counts(np.arange(len(limits.names)))
     joint_names = np.tile(np.arange(n), 2)
-    polygons = limits.outline.copy()
+    polygons = limits.outline
     used = counts[n + joint_names]
     if not used.all():
         polygons = start(WITHOUT_LIMIT * limits.outline.vertices[:, 1, 0], limits.x_max, limits.velocity_name)
-    cut_affine(polygons, np.ascontiguousarray(limits.acceleration[:, used]), (n + joint_names)[used])
+    polygons = cut_affine(polygons, limits.acceleration[:, used], (n + joint_names)[used])
     for family, rows, index in zip(limits.contacts, facets, names, strict=True):
         used = counts[index]
-        here = slice(family.first, family.last + 1 if family.last >= 0 else None)
-        cut(polygons.at(here), facet_family(rows[used], family.loads.at(here), index[used]))
+        polygons = cut_part(polygons, facet_family(rows[used], family.loads, index[used]), family.first, family.last)
     used = counts[2 * n + joint_names]
-    limits.torque.cut(polygons, reference, limits.x_max, used, 2 * n + joint_names)
-    a, b, c, columns = _columns(polygons, n, len(limits.names))
+    polygons = limits.torque.cut(polygons, reference, limits.x_max, used, 2 * n + joint_names)
+    rows, columns = edge_rows(polygons, n, len(limits.names))
+    a, b, c = np.ascontiguousarray(np.moveaxis(rows, 2, 0))
     return replace(
         problem, a=a, b=b, c=c, row_names=tuple(limits.names[k] for k in columns), feasible=polygons.sizes > 0,
         facets=facets, facet_names=names, reference=reference,
     )  # fmt: skip
-
-
-def _columns(polygons: Polygons, joints: int, names: int) -> tuple[Array, Array, Array, list[int]]:
-    """Edges of the polygons as rows; the columns of one name are as many as one grid point needs at most."""
-    slots = edge_slots(polygons.vertices, polygons.names, polygons.sizes, joints, names)
-    point, edge = np.nonzero(slots >= 0)
-    name = polygons.names[point, edge]
-    width = np.zeros(names, dtype=np.int64)
-    np.maximum.at(width, name, slots[point, edge] + 1)
-    first = np.r_[0, np.cumsum(width)]
-    rows = np.zeros((len(polygons.sizes), first[-1], 3))
-    rows[:, :, 2] = -1.0
-    rows[point, first[name] + slots[point, edge]] = polygons.rows[point, edge]
-    columns = [k for k in range(names) for _ in range(width[k])]
-    return rows[:, :, 0].copy(), rows[:, :, 1].copy(), rows[:, :, 2].copy(), columns

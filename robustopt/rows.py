@@ -11,13 +11,15 @@ chord over [0, x_top] stands in: a first guess, which is final where no torque r
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
+import numba as nb
 import numpy as np
 
+from robustopt import polygons
 from robustopt.contact import ContactSystem
-from robustopt.polygons import Family, Loads, Polygons, cut
+from robustopt.polygons import Family, Loads, Polygons
 from robustopt.robot import ArmDynamics, JointLimits
 from robustopt.uncertainty import Body, regressor, spin_regressor
 
@@ -68,75 +70,110 @@ def body_loads(
     about: the point that the moments of each object are about, (3,); at centres of mass the remainders are
     small; middle, radius: of the joint acceleration error (n,) [rad/s^2]
     """
-    points, columns, _, _ = motion.regressors.shape
-    d = 6 * len(loads)
+    points, d = len(motion.regressors), 6 * len(loads)
     listed = {body.name: body for row in loads for body in row}
     certain = [body for body in listed.values() if body.mass[0] == body.mass[1]]
     uncertain = [body for body in listed.values() if body.mass[0] < body.mass[1]]
     groups = [[(body, body.mass[0]) for body in certain]] + [[(body, 1.0)] for body in uncertain]
     erring = np.flatnonzero(radius)
-
-    def wrenches(parameters: Array, body: Body) -> Array:
-        """(K, P, 3 + n, d): K sets of the body's parameters seen by every object that carries it."""
-        per_block = (parameters @ motion.regressors.reshape(-1, 10).T).reshape(-1, points, columns, 6)
-        result = np.zeros((len(parameters), points, columns, d))
-        for block, row in enumerate(loads):
-            if body in row:
-                result[..., 6 * block : 6 * block + 6] = _moved(per_block, about[block])
-        return result
-
-    def at_middle(full: Array) -> Array:
-        """(P, d, 3): coefficients of u, x, 1 with the error at the middle of its interval."""
-        result = np.swapaxes(full[:, :3], 1, 2).copy()
-        if np.any(middle):
-            result[:, :, 2] += middle @ full[:, 3:]
-        return result
-
-    centres, terms, group = [], [], []
-    constant, constant_group = [], []
-    remainder, remainder_group = [], []
-    for g, members in enumerate(groups):
-        nominal = np.zeros((points, columns, d))
-        bound = np.zeros((points, d))
-        for body, mass in members:
-            steps = body.linear[np.any(body.linear != 0, axis=1)]
-            squares = body.remainder[np.any(body.remainder != 0, axis=1)]
-            all_wrenches = wrenches(mass * np.vstack([body.psi, steps, squares]), body)
-            nominal += all_wrenches[0]
-            if len(erring):
-                bound += np.einsum("kpcd,c->pd", np.abs(all_wrenches[1:, :, 3 + erring]), radius[erring])
-            terms += [at_middle(full) for full in all_wrenches[1 : 1 + len(steps)]]
-            group += [g] * len(steps)
-            remainder += [at_middle(full) for full in all_wrenches[1 + len(steps) :]]
-            remainder_group += [g] * len(squares)
-        centres.append(at_middle(nominal))
-        constant.append(np.swapaxes(nominal[:, 3 + erring] * radius[erring, None], 1, 2))
-        constant_group += [g] * len(erring)
-        if np.any(bound):
-            remainder.append(np.stack([np.zeros_like(bound), np.zeros_like(bound), bound], axis=2))
-            remainder_group.append(g)
-    none = np.zeros((points, d, 0, 3))
-    return Loads(
-        nominal=np.ascontiguousarray(np.stack(centres, axis=2)),
-        terms=np.ascontiguousarray(np.stack(terms, axis=2)) if terms else none,
-        group=np.array(group, dtype=np.int64),
-        constant=np.ascontiguousarray(np.concatenate(constant, axis=2)),
-        constant_group=np.array(constant_group, dtype=np.int64),
-        remainder=np.ascontiguousarray(np.stack(remainder, axis=2)) if remainder else none,
-        remainder_group=np.array(remainder_group, dtype=np.int64),
+    parts = [_parts(body, mass, g) for g, members in enumerate(groups) for body, mass in members]
+    parameters = np.vstack([np.zeros((0, 10)), *(part[0] for part in parts)])
+    group, kind = (np.concatenate([np.zeros(0, np.int64), *(part[k] for part in parts)]) for k in (1, 2))
+    carried = [[body in row for row in loads] for members in groups for body, _ in members]
+    lengths = [len(part[1]) for part in parts]
+    carries = np.repeat(np.array(carried, dtype=bool).reshape(-1, len(loads)), lengths, axis=0)
+    spread = len(erring) > 0 and bool((kind > 0).any())
+    remainder_group = np.r_[group[kind == 2], np.unique(group[kind > 0])] if spread else group[kind == 2]
+    result = Loads(
+        nominal=np.zeros((points, d, len(groups), 3)),
+        terms=np.zeros((points, d, int((kind == 1).sum()), 3)),
+        group=group[kind == 1],
+        constant=np.zeros((points, d, len(groups) * len(erring))),
+        constant_group=np.repeat(np.arange(len(groups)), len(erring)),
+        remainder=np.zeros((points, d, len(remainder_group), 3)),
+        remainder_group=remainder_group,
         lowest=np.array([1.0] + [body.mass[0] for body in uncertain]),
         highest=np.array([1.0] + [body.mass[1] for body in uncertain]),
     )
-
-
-def _moved(wrenches: Array, point: Array) -> Array:
-    """Wrenches about the origin (..., 6) as wrenches about a point (3,)."""
-    (x, y, z), (fx, fy, fz) = point, (wrenches[..., k] for k in range(3))
-    result: Array = wrenches.copy()
-    result[..., 3] -= y * fz - z * fy
-    result[..., 4] -= z * fx - x * fz
-    result[..., 5] -= x * fy - y * fx
+    places = np.array(about, dtype=float).reshape(-1, 3)
+    _fill(result, motion.regressors, parameters, group, kind, carries, places, middle, radius, erring)
     return result
+
+
+def _parts(body: Body, mass: float, group: int) -> tuple[Array, Array, Array]:
+    """Sets of inertial parameters of a body (K, 10), its group (K,), and what each set is: 0 the body itself, 1 an
+    interval term, 2 a remainder."""
+    steps = body.linear[np.any(body.linear != 0, axis=1)]
+    squares = body.remainder[np.any(body.remainder != 0, axis=1)]
+    parameters = mass * np.vstack([body.psi, steps, squares])
+    kind = np.repeat(np.arange(3), [1, len(steps), len(squares)])
+    return parameters, np.full(len(kind), group), kind
+
+
+@nb.njit(cache=True, nogil=True)
+def _fill(loads, regressors, parameters, group, kind, carries, about, middle, radius, erring):
+    """Fill loads (see `body_loads`) with the wrenches of K sets of inertial parameters (K, 10), grid point by point.
+
+    carries: which objects carry each set, (K, objects); about: points of the objects' moments (objects, 3)
+    """
+    nominal, terms, constant, remainder = loads.nominal, loads.terms, loads.constant, loads.remainder
+    points, columns = regressors.shape[0], regressors.shape[1]
+    shifted = middle.any()
+    used = columns if shifted or len(erring) else 3
+    origin, w = np.zeros((columns, 6)), np.zeros((columns, 6))
+    spread = remainder.shape[2] > (kind == 2).sum()
+    spread_slot, last = np.zeros(len(loads.lowest), np.int64), (kind == 2).sum()
+    for g in range(len(loads.lowest)):
+        spread_slot[g] = last
+        for k in range(len(kind)):
+            if group[k] == g and kind[k] > 0:
+                last += 1
+                break
+    for i in range(points):
+        term, rest = 0, 0
+        for k in range(len(kind)):
+            origin[:] = 0.0
+            for m in range(10):
+                if parameters[k, m] != 0.0:
+                    for c in range(used):
+                        for r in range(6):
+                            origin[c, r] += regressors[i, c, r, m] * parameters[k, m]
+            for block in range(carries.shape[1]):
+                if not carries[k, block]:
+                    continue
+                _move(origin, about, block, used, w)
+                if shifted:
+                    for e in range(len(middle)):
+                        for r in range(6):
+                            w[2, r] += middle[e] * w[3 + e, r]
+                for r in range(6):
+                    row = 6 * block + r
+                    for c in range(3):
+                        if kind[k] == 0:
+                            nominal[i, row, group[k], c] += w[c, r]
+                        elif kind[k] == 1:
+                            terms[i, row, term, c] = w[c, r]
+                        else:
+                            remainder[i, row, rest, c] = w[c, r]
+                    for n in range(len(erring)):
+                        part = w[3 + erring[n], r] * radius[erring[n]]
+                        if kind[k] == 0:
+                            constant[i, row, group[k] * len(erring) + n] += part
+                        elif spread:
+                            remainder[i, row, spread_slot[group[k]], 2] += abs(part)
+            term, rest = term + (kind[k] == 1), rest + (kind[k] == 2)
+
+
+@nb.njit(cache=True, nogil=True)
+def _move(wrenches, about, block, count, out):
+    """The first wrenches about the origin (n, 6) as wrenches about the point of a block."""
+    x, y, z = about[block, 0], about[block, 1], about[block, 2]
+    for c in range(count):
+        fx, fy, fz = wrenches[c, 0], wrenches[c, 1], wrenches[c, 2]
+        out[c, 0], out[c, 1], out[c, 2] = fx, fy, fz
+        out[c, 3] = wrenches[c, 3] - (y * fz - z * fy)
+        out[c, 4] = wrenches[c, 4] - (z * fx - x * fz)
+        out[c, 5] = wrenches[c, 5] - (x * fy - y * fx)
 
 
 @dataclass(frozen=True)
@@ -180,19 +217,27 @@ class TorqueFamily:
     base_terms: Array
     viscous: Array
 
+    def carrying(self, payload: Loads) -> TorqueFamily:
+        """The same limits with another payload whose intervals are as many."""
+        return replace(self, loads=payload)
+
     def family(self, reference: Array, x_top: Array, used: Array, names: Array) -> Family:
         """The rows that are used, (2n,), with the viscous part linearised about a reference (P,), and their names."""
-        parts = (self.B, self.base_at(reference, x_top), self.base_terms)
-        B, base, base_terms = (np.ascontiguousarray(part[:, used]) for part in parts)
+        B, base, base_terms = self.B, self.base_at(reference, x_top), self.base_terms
+        if not used.all():
+            B, base, base_terms = (np.ascontiguousarray(part[:, used]) for part in (B, base, base_terms))
         return Family(B, self.loads, base, base_terms, names[used])
 
-    def cut(self, polygons: Polygons, reference: Array, x_top: Array, used: Array, names: Array) -> None:
-        """Cut polygons with the rows that are used, (2n,), each of the names (2n,)."""
-        cut(polygons, self.family(reference, x_top, used, names))
+    def cut(self, outline: Polygons, reference: Array, x_top: Array, used: Array, names: Array) -> Polygons:
+        """Polygons cut with the rows that are used, (2n,), each of the names (2n,)."""
+        return polygons.cut(outline, self.family(reference, x_top, used, names))
 
     def base_at(self, reference: Array, x_top: Array) -> Array:
         """Affine base rows with the viscous part linearised, (P, 2n, 3); reference (P,), nan for none."""
         base = self.base.copy()
+        if np.isnan(reference).all():
+            base[:, :, 1] += self.viscous / np.sqrt(x_top)[:, None]
+            return base
         slowest = np.maximum(reference, SLOWEST_REFERENCE * x_top)
         root = np.sqrt(np.where(reference > 0, slowest, np.nan))[:, None]
         tangent, chord = np.isfinite(root), np.isnan(reference)[:, None]
@@ -216,8 +261,8 @@ class TorqueFamily:
 
         u, x: (M,); points: (M,) grid point of each; returns (M, 2n)
         """
-        affine = evaluate(self.B[points], self.loads.at(points), self.base[points], self.base_terms[points], u, x)
-        return affine + self.viscous[points] * np.sqrt(np.maximum(x, 0.0))[:, None]
+        family = Family(self.B, self.loads, self.base, self.base_terms, np.arange(self.B.shape[1]))
+        return polygons.evaluate(family, points, u, x) + self.viscous[points] * np.sqrt(np.maximum(x, 0.0))[:, None]
 
 
 def both(array: Array) -> Array:

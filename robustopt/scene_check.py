@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import combinations
 
 import numpy as np
 
 from robustopt.config_model import Config
 from robustopt.config_yaml import Key
 from robustopt.geometry import (
-    RESOLUTION,
     Patch,
     Placement,
     area,
-    clip,
+    base_outline,
     contains,
-    convex_hull,
-    erode,
-    footprint,
+    eroded,
+    overlaps,
     patches,
     placements,
     rotation,
+    solids,
     supports,
 )
 
@@ -46,7 +44,7 @@ def check_scene(config: Config) -> Iterator[Finding]:
     if not off:
         yield from _tipping(config, placed, contacts)
         yield from _contact_points(config, contacts)
-    yield from _penetration(config, placed)
+    yield from _penetration(config)
 
 
 def _uneven_bridges(config: Config) -> Iterator[Finding]:
@@ -86,7 +84,7 @@ def _tipping(config: Config, placed: dict[str, Placement], contacts: tuple[Patch
             continue
         mass = np.array([config.objects[other].mass for other in carried])
         center = mass @ np.array([_center_of_mass(config, placed, other) for other in carried]) / mass.sum()
-        polygon = convex_hull(np.vstack([patch.polygon for patch in contacts if patch.object == name]))
+        polygon = base_outline(tuple(patch for patch in contacts if patch.object == name))
         if not contains(polygon, center):
             load = "" if len(carried) == 1 else f" with {', '.join(carried[1:])}"
             below = " and ".join(supports(config.objects[name]))
@@ -129,7 +127,7 @@ def _contact_points(config: Config, contacts: tuple[Patch, ...]) -> Iterator[Fin
     for patch in contacts:
         used = patch.object if patch.object in by_name else "default"
         d = by_name.get(used, 0.0)
-        if d > 0 and len(erode(patch.polygon, d, patch.yaw)) == 0:
+        if d > 0 and len(eroded(patch, d)) == 0:
             key: Key = ("uncertainty", "contact_points")
             message = (
                 f"found {d:g} m, at or over half the size of the contact of {patch.object} on {patch.support}, "
@@ -138,10 +136,6 @@ def _contact_points(config: Config, contacts: tuple[Patch, ...]) -> Iterator[Fin
             yield (*key, used) if isinstance(distance, dict) else key, message
 
 
-def _penetration(config: Config, placed: dict[str, Placement]) -> Iterator[Finding]:
-    outline = {name: footprint(config.objects[name], place, OUTLINE_POINTS) for name, place in placed.items()}
-    for first, second in combinations(placed, 2):
-        a, b = placed[first], placed[second]
-        overlap = a.half_height + b.half_height - abs(a.position[2] - b.position[2])
-        if overlap > RESOLUTION and area(clip(outline[first], outline[second])) > 0:
-            yield ("objects", second), f"it overlaps with {first}; expected each object in a place of its own"
+def _penetration(config: Config) -> Iterator[Finding]:
+    for first, second in overlaps(config.carried_tray.size, solids(config), OUTLINE_POINTS):
+        yield ("objects", second), f"it overlaps with {first}; expected each object in a place of its own"

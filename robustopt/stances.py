@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from robustopt.contact import ContactSystem, about_point, patch_facets, wrench_generators
+from robustopt.contact import ContactSystem, about_point, patch_facets, tips, wrench_generators
 from robustopt.errors import ConfigError
 from robustopt.footsteps import Stance
 from robustopt.geometry import RESOLUTION, area, erode
@@ -61,12 +61,14 @@ def stance_system(
             tuple(_key(p - center, friction[name]) for p, name in zip(points, feet, strict=True)), edges
         )
     where = f"{feet[0].replace('_', ' ')}" if len(feet) == 1 else "both feet"
+    facets, generators = facets @ about_point(center), np.hstack(parts)
     return ContactSystem(
         objects=(ROBOT,),
         loads=((ROBOT,),),
         points=(np.zeros(3),),
-        generators=np.hstack(parts),
-        facets=facets @ about_point(center),
+        generators=generators,
+        facets=facets,
+        kinds=tips(facets, generators, edges).astype(np.int64),
         names=(f"slip of {where}", f"tipping over {where}"),
         edges=edges,
         interfaces=feet,

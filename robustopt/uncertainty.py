@@ -12,6 +12,7 @@ bounded term by term.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -52,9 +53,15 @@ class Body:
 def bodies(config: Config) -> dict[str, Body]:
     """The tray (under the name `tray`) and every object, by name."""
     placed = placements(config)
-    result = {"tray": _body(config, "tray", config.carried_tray, np.zeros(3), 0.0)}
-    for name, item in config.objects.items():
-        result[name] = _body(config, name, item, placed[name].position, placed[name].yaw)
+    items: dict[str, TrayConfig | ObjectConfig] = {"tray": config.carried_tray, **config.objects}
+    result = {}
+    for name, item in items.items():
+        position, yaw = (0.0, 0.0, 0.0), 0.0
+        if name in placed:
+            position, yaw = tuple(placed[name].position.tolist()), placed[name].yaw
+        mass = config.uncertainty.mass.get(name, (item.mass, item.mass))
+        reach = config.uncertainty.center_of_mass.get(name, (0.0, 0.0, 0.0))
+        result[name] = _body(name, item, mass, reach, position, yaw)
     return result
 
 
@@ -100,28 +107,32 @@ def _per_joint(name: str, given: float | tuple[float, ...], joints: int) -> Arra
     return np.broadcast_to(values, (joints,)).copy()
 
 
-def _body(config: Config, name: str, item: TrayConfig | ObjectConfig, position: Array, yaw: float) -> Body:
+@lru_cache(maxsize=256)
+def _body(
+    name: str,
+    item: TrayConfig | ObjectConfig,
+    mass: tuple[float, float],
+    reach: tuple[float, float, float],
+    position: tuple[float, float, float],
+    yaw: float,
+) -> Body:
+    """A body at a place on the tray: `mass` interval, `reach` of its centre of mass along its own axes."""
     cosine, sine = np.cos(yaw), np.sin(yaw)
     turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
     inertia = turn @ (inertia_matrix(item) / item.mass) @ turn.T
-    arm = position + turn @ np.array(item.center_of_mass)
-    reach = turn * np.array(config.uncertainty.center_of_mass.get(name, (0.0, 0.0, 0.0)))
-    return uncertain_body(name, config.uncertainty.mass.get(name, (item.mass, item.mass)), arm, inertia, reach)
+    arm = np.array(position) + turn @ np.array(item.center_of_mass)
+    return uncertain_body(name, mass, arm, inertia, turn * np.array(reach))
 
 
-def uncertain_body(name: str, mass: tuple[float, float], arm: Array, inertia: Array, reach: Array) -> Body:
+def uncertain_body(name: str, mass: tuple[float, float], arm: Array, inertia: Array, reaches: Array) -> Body:
     """A body from its interval of mass [kg], its centre of mass `arm` (3,) [m] and the inertia about that per unit of
-    mass (3, 3) [m^2]; the centre of mass may be off by the columns of `reach` (3, 3) [m], each either way."""
+    mass (3, 3) [m^2]; the centre of mass may be off by the columns of `reaches` (3, 3) [m], each either way."""
     psi = _parameters(1.0, arm, inertia - skew(arm) @ skew(arm))
-    linear = np.array([_linear(arm, step) for step in reach.T])
-    squares = [0.5 * _square(step, step) for step in reach.T]
-    crossed = [_square(reach[:, i], reach[:, j]) for i, j in ((0, 1), (0, 2), (1, 2))]
+    linear = np.array([_linear(arm, step) for step in reaches.T])
+    squares = [0.5 * _square(step, step) for step in reaches.T]
+    crossed = [_square(reaches[:, i], reaches[:, j]) for i, j in ((0, 1), (0, 2), (1, 2))]
     return Body(
-        name=name,
-        mass=mass,
-        psi=psi + np.sum(squares, axis=0),
-        linear=linear,
-        remainder=np.array(squares + crossed),
+        name=name, mass=mass, psi=psi + np.sum(squares, axis=0), linear=linear, remainder=np.array(squares + crossed)
     )
 
 

@@ -31,8 +31,9 @@ STANDARD_GRAVITY = 9.81
 
 @dataclass(frozen=True, eq=False)
 class WalkMotion:
-    """Motion along the path at P grid points: q', q'' (P, n), and the inverse dynamics."""
+    """Motion along the path at P grid points: q, q', q'' (P, n), and the inverse dynamics."""
 
+    q: Array
     q1: Array
     q2: Array
     dynamics: WalkerDynamics
@@ -76,8 +77,8 @@ class StandingTorque:
         """There is none, (P, 2n)."""
         return np.zeros(self.B.shape[:2])
 
-    def cut(self, polygons: Polygons, reference: Array, x_top: Array, used: Array, names: Array) -> None:
-        """Cut polygons with the rows of the joints that are used, (2n,), each of the names (2n,)."""
+    def cut(self, outline: Polygons, reference: Array, x_top: Array, used: Array, names: Array) -> Polygons:
+        """Polygons cut with the rows of the joints that are used, (2n,), each of the names (2n,)."""
         base = np.zeros((*self.B.shape[:2], 3))
         base[:, :, 2] = -1.0
         chosen = used & np.tile(np.isfinite(self.limit), 2)
@@ -85,10 +86,9 @@ class StandingTorque:
             np.ascontiguousarray(self.B[:, chosen]), self.loads, np.ascontiguousarray(base[:, chosen]),
             np.zeros((0, 0, 0)), names[chosen],
         )  # fmt: skip
-        cut(polygons, family)
+        outline = cut(outline, family)
         rows = [row for row in self.rows if used[row.joint]]
-        if rows:
-            cut(polygons, self._shared(rows, names))
+        return cut(outline, self._shared(rows, names)) if rows else outline
 
     def _shared(self, rows: Sequence[SharedRow], names: Array) -> Family:
         """Rows that each hold at one grid point as a family, in as few columns as one name and point need."""
@@ -119,16 +119,18 @@ class StandingTorque:
         return np.where(np.tile(self.known[points], 2), values, np.nan)
 
 
-def walking_families(
-    config: Config, walker: Walker, path: WalkingPath, s: Array, q: Array, q1: Array, q2: Array, error: Array
-) -> tuple[WalkMotion, tuple[ContactFamily, ...], StandingTorque]:
-    """Motion, contacts and joint torques along the grid.
+def walk_motion(walker: Walker, q: Array, q1: Array, q2: Array) -> WalkMotion:
+    """Motion along a path at P grid points: q, q', q'' (P, n)."""
+    return WalkMotion(q, q1, q2, walker.dynamics(q, q1, q2))
 
-    s: (P,) grid points, which hold the path's switches; q, q1, q2: (P, n); error: middle and half-width of the
-    acceleration error, (2, n)
+
+def walking_families(
+    config: Config, walker: Walker, path: WalkingPath, s: Array, motion: WalkMotion, loads: Loads
+) -> tuple[tuple[ContactFamily, ...], StandingTorque]:
+    """Contacts and joint torques along the grid.
+
+    s: (P,) grid points, which hold the path's switches; loads: W (see `walking_loads`)
     """
-    motion = WalkMotion(q1, q2, walker.dynamics(q, q1, q2))
-    loads = _loads(config, walker, motion, q, error)
     on_feet = loads._replace(
         **{name: np.ascontiguousarray(getattr(loads, name)[:, :BASE]) for name in ("nominal", "terms", "constant")},
         remainder=np.ascontiguousarray(loads.remainder[:, :BASE]),
@@ -147,7 +149,7 @@ def walking_families(
         for k, family in enumerate(contacts):
             if (len(family.system.interfaces) == 1) is single:
                 standing[family.first : family.last + 1] = k
-    return motion, contacts, _torque(walker, motion.dynamics, loads, contacts, standing, soles)
+    return contacts, _torque(walker, motion.dynamics, loads, contacts, standing, soles)
 
 
 def _torque(
@@ -180,8 +182,11 @@ def _torque(
 # The load -------------------------------------------------------------------------------------------------
 
 
-def _loads(config: Config, walker: Walker, motion: WalkMotion, q: Array, error: Array) -> Loads:
-    """W with its interval terms: the acceleration error, and bodies whose mass or centre of mass is uncertain."""
+def walking_loads(config: Config, walker: Walker, motion: WalkMotion, error: tuple[Array, Array]) -> Loads:
+    """W with its interval terms: the acceleration error, and bodies whose mass or centre of mass is uncertain.
+
+    error: middle and half-width of the acceleration error, (n,) each
+    """
     dynamics, (middle, radius) = motion.dynamics, error
     erring = np.flatnonzero(radius)
     per_error = np.swapaxes(dynamics.mass_matrix[:, :, erring], 1, 2)
@@ -193,7 +198,7 @@ def _loads(config: Config, walker: Walker, motion: WalkMotion, q: Array, error: 
     lowest, highest = [1.0], [1.0]
     for name in sorted({*config.uncertainty.center_of_mass, *config.uncertainty.mass}):
         body, own = _uncertain(config, walker, name)
-        moving = walker.body_motion(name, q, motion.q1, motion.q2)
+        moving = walker.body_motion(name, motion.q, motion.q1, motion.q2)
         certain = body.mass[0] == body.mass[1]
         steps = body.linear[np.any(body.linear != 0, axis=1)]
         squares = body.remainder[np.any(body.remainder != 0, axis=1)]

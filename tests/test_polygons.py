@@ -18,7 +18,18 @@ from scenes import waiter
 
 from robustopt.contact import patch_facets
 from robustopt.geometry import patches
-from robustopt.polygons import MAX_VERTICES, NO_NAME, Family, Loads, Polygons, cut, cut_affine, facet_family, start
+from robustopt.polygons import (
+    MAX_VERTICES,
+    NO_NAME,
+    ROOM,
+    Family,
+    Loads,
+    Polygons,
+    cut,
+    cut_affine,
+    facet_family,
+    start,
+)
 from robustopt.problem import TimeScalingProblem, build_problem
 from robustopt.rows import evaluate
 from robustopt.uncertainty import friction
@@ -82,7 +93,7 @@ def test_affine_cuts_keep_what_satisfies_all_rows() -> None:
     rng = np.random.default_rng(0)
     polygons, rows = rectangles(30), rng.normal(size=(30, 12, 3))
     rows[:, :, 2] -= 1.0
-    cut_affine(polygons, rows, np.arange(12) + 1)
+    polygons = cut_affine(polygons, rows, np.arange(12) + 1)
     u, x = rng.uniform(-2, 2, 4000), rng.uniform(0, 3, 4000)
     for i in range(30):
         values = rows[i] @ np.stack([u, x, np.ones_like(u)])
@@ -95,19 +106,25 @@ def test_affine_cuts_keep_what_satisfies_all_rows() -> None:
 def test_an_empty_polygon_stays_empty() -> None:
     polygons = rectangles(2)
     rows = np.array([[[0.0, 0.0, 1.0], [1.0, 0.0, -1.0]], [[0.0, 1.0, -1.0], [1.0, 0.0, -1.0]]])
-    cut_affine(polygons, rows, np.array([1, 2]))
+    polygons = cut_affine(polygons, rows, np.array([1, 2]))
     assert polygons.sizes.tolist() == [0, 4]
-    cut_affine(polygons, np.array([[[1.0, 0.0, -0.5]]] * 2), np.array([3]))
+    polygons = cut_affine(polygons, np.array([[[1.0, 0.0, -0.5]]] * 2), np.array([3]))
     assert polygons.sizes.tolist() == [0, 4]
 
 
-def test_copies_do_not_share_their_vertices() -> None:
+def test_cutting_leaves_the_polygons_it_was_given() -> None:
     polygons = rectangles(1)
-    copy = polygons.copy()
-    cut_affine(copy, np.array([[[1.0, 0.0, 0.0]]]), np.array([1]))
+    half = cut_affine(polygons, np.array([[[1.0, 0.0, 0.0]]]), np.array([1]))
     assert polygons.vertices[0, 1, 0] == 2.0
-    assert copy.sizes[0] == 4
-    assert copy.vertices[0, : copy.sizes[0], 0].max() == 0.0
+    assert half.sizes[0] == 4
+    assert half.vertices[0, : half.sizes[0], 0].max() == 0.0
+
+
+def test_polygons_get_as_much_room_as_they_need() -> None:
+    """Tangents of a circle: a polygon of as many edges as rows, beyond the room that is there at first."""
+    angle = np.linspace(0, 2 * np.pi, 2 * ROOM, endpoint=False)
+    rows = np.stack([np.cos(angle), np.sin(angle), -1.0 - np.sin(angle) * 1.5], axis=1)[None]
+    assert cut_affine(rectangles(1), rows, np.arange(2 * ROOM)).sizes.tolist() == [2 * ROOM]
 
 
 @settings(max_examples=25, deadline=None, derandomize=True)
@@ -131,7 +148,7 @@ def test_family_cuts_keep_what_holds_for_the_worst_parameters(
     base = 0.2 * rng.normal(size=(points, F, 3)) if own else NONE
     base_terms = 0.05 * rng.normal(size=(points, F, constant)) if own else NO_TERMS
     polygons = rectangles(points)
-    cut(polygons, Family(B if own else B[None], loads, base, base_terms, np.arange(F) + 1))
+    polygons = cut(polygons, Family(B if own else B[None], loads, base, base_terms, np.arange(F) + 1))
     u, x = rng.uniform(-2, 2, 500), rng.uniform(0, 3, 500)
     for i in range(points):
         at = np.full(500, i)
@@ -155,7 +172,7 @@ def test_family_cuts_are_exact_against_every_corner_of_the_box(
     B = rng.normal(size=(F, 6))
     B[:, 5] = -1.0
     polygons = rectangles(1)
-    cut(polygons, facet_family(B, loads, np.arange(F) + 1))
+    polygons = cut(polygons, facet_family(B, loads, np.arange(F) + 1))
     u, x = rng.uniform(-2, 2, 400), rng.uniform(0, 3, 400)
     point = np.stack([u, x, np.ones_like(u)])
     worst = np.full(400, -np.inf)
@@ -178,7 +195,7 @@ def test_the_edges_of_a_polygon_are_the_rows_that_are_not_redundant() -> None:
     B = rng.normal(size=(40, 6))
     B[:, 5] = -1.0
     polygons = rectangles(5)
-    cut(polygons, facet_family(B, loads, np.arange(40) + 1))
+    polygons = cut(polygons, facet_family(B, loads, np.arange(40) + 1))
     for i in range(5):
         n = polygons.sizes[i]
         assert 3 <= n <= MAX_VERTICES

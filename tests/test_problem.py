@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 from scenes import FLAT, WAITERS, G, bang_bang, residual, scene, waiter
 
 from robustopt.path import build_path
-from robustopt.problem import TimeScalingProblem, build_problem, build_rows, gridpoints
+from robustopt.problem import TimeScalingProblem, build_problem, build_rows
 from robustopt.robot import load_robot
 from robustopt.timescaling import solve
+from robustopt.track import gridpoints
 
 
 @cache

@@ -34,8 +34,8 @@ ROUNDS = 4
 """A dual changes which parameters are worst, they may have another dual."""
 
 DOUBTFUL = 0.5
-"""A program is not solved where explicit forces leave the joints more than this fraction of their limits in reserve, and
-not again for the parameters that are worst for its row if these do."""
+"""A program is not solved where explicit forces leave the joints more than this fraction of their limits in reserve;
+nor is it solved again, for the parameters that are worst for its row, where the row leaves as much."""
 
 
 class SharingProgram:

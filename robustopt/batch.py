@@ -1,0 +1,169 @@
+"""Plans of one task for many settings of what is believed: friction, masses, centres of mass, errors.
+
+Robot, path and their dynamics are shared; what a setting changes is computed anew, by the functions that plan a single
+task, on all cores: the compiled kernels run without Python's lock. So a plan of a batch is the plan of its setting bit
+for bit, whatever the number of workers.
+"""
+
+from __future__ import annotations
+
+import difflib
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from robustopt.config import Config, with_values
+from robustopt.config_yaml import Key, split_key
+from robustopt.errors import ConfigError
+from robustopt.problem import TimeScalingProblem, robot_and_path, rows_along
+from robustopt.timescaling import Plan, solve
+from robustopt.track import Track, build_track
+
+Array = np.ndarray
+Setting = Mapping[str, float | Sequence[float]]
+"""Values by configuration key, such as {"contact.friction.upper": 0.3, "uncertainty.center_of_mass.upper.2": 0.01}."""
+
+BELIEFS = (
+    "contact.friction",
+    "uncertainty.friction",
+    "uncertainty.contact_points",
+    "uncertainty.center_of_mass",
+    "uncertainty.mass",
+    "uncertainty.joint_acceleration",
+    "tray.mass",
+    "tray.center_of_mass",
+    "tray.inertia",
+    "objects.*.mass",
+    "objects.*.center_of_mass",
+    "objects.*.inertia",
+)
+"""Keys, or sections of keys, that may differ between the settings of a batch: they concern neither robot nor path."""
+
+PER_NAME = ("contact.friction", "uncertainty.friction", "uncertainty.contact_points")
+"""Keys with one value for all objects, or one per name."""
+
+
+class BatchPlanner:
+    """Fastest plans of a configuration for any number of settings of its beliefs, by `reachability`.
+
+    Raises ConfigError, RobotError or PathError where the configuration cannot be used. workers: threads, by default
+    one for each core.
+    """
+
+    def __init__(self, config: Config, workers: int | None = None) -> None:
+        self.config = config
+        self.workers = workers or _cores()
+        self._durations: dict[tuple[Any, ...], float] = {}
+
+    @cached_property
+    def track(self) -> Track:
+        """What all plans share."""
+        return build_track(self.config, *robot_and_path(self.config))
+
+    def durations(self, settings: Sequence[Setting]) -> Array:
+        """Duration of the plan of each setting, (k,) [s]; infinite where there is none. Each is computed once.
+
+        Raises ConfigError where a key is no belief, or a value is not allowed.
+        """
+        keys = [_identity(setting) for setting in settings]
+        new = {key: setting for key, setting in zip(keys, settings, strict=True) if key not in self._durations}
+        self._durations.update(zip(new, self._each(new.values(), self._duration), strict=True))
+        return np.array([self._durations[key] for key in keys])
+
+    def plans(self, settings: Sequence[Setting]) -> list[Plan]:
+        """The plan of each setting: what `solve(build_problem(config), "reachability")` gives for it."""
+        return self._each(settings, self._plan)
+
+    def problem(self, setting: Setting) -> TimeScalingProblem:
+        """The problem of a setting."""
+        return rows_along(self.track, with_beliefs(self.config, setting))
+
+    def _plan(self, setting: Setting) -> Plan:
+        return solve(self.problem(setting), "reachability")
+
+    def _duration(self, setting: Setting) -> float:
+        return self._plan(setting).duration
+
+    def _each(self, settings: Iterable[Setting], call: Any) -> list[Any]:
+        """The results of a call, in order; the first one alone, so that what all share is there."""
+        if not (all_settings := list(settings)):
+            return []
+        first, *rest = all_settings
+        results = [call(first)]
+        if not rest:
+            return results
+        if self.workers == 1 or any(family.system.facets is None for family in self.problem(first).limits.contacts):
+            return results + [call(setting) for setting in rest]  # inner programs keep Python's lock
+        with ThreadPoolExecutor(self.workers) as pool:
+            return results + list(pool.map(call, rest))
+
+
+def _cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def solve_batch(config: Config, settings: Sequence[Setting], workers: int | None = None) -> list[Plan]:
+    """The fastest plan of a configuration for each setting of its beliefs, by `reachability`."""
+    return BatchPlanner(config, workers).plans(settings)
+
+
+def with_beliefs(config: Config, setting: Setting) -> Config:
+    """A copy of a configuration with other beliefs.
+
+    A key may name a part of what the configuration writes shorter or not at all: one object's friction where all have
+    the same, one axis of a centre of mass, one end of an interval. Raises ConfigError where a key is no belief, or a
+    value is not allowed.
+    """
+    written: dict[str, Any] = {}
+    for key in setting:
+        _require_belief(config, key)
+        written.update(_written_out(config, split_key(key)))
+    return with_values(config, {**written, **setting})
+
+
+def _require_belief(config: Config, key: str) -> None:
+    parts = split_key(key)
+    section = ".".join(map(str, parts[:2]))
+    if parts[0] == "objects" and len(parts) > 2:
+        if parts[1] not in config.objects:
+            raise ConfigError(f"nothing is called {parts[1]}; expected one of {', '.join(config.objects)}", key)
+        section = f"objects.*.{parts[2]}"
+    if section not in BELIEFS:
+        hint = "".join(f"did you mean {near}? " for near in difflib.get_close_matches(section, BELIEFS, n=1))
+        message = f"is no belief that settings may differ in; {hint}expected a value of {', '.join(BELIEFS)}"
+        raise ConfigError(message, key)
+
+
+def _written_out(config: Config, key: Key) -> dict[str, Any]:
+    """Values of sections around a key as they would be written for the key to have its place in them."""
+    section, kind, *inner = key
+    if section == "objects" or not inner:
+        return {}
+    part, name = f"{section}.{kind}", inner[0]
+    whole = getattr(getattr(config, str(section)), str(kind))
+    result: dict[str, Any] = {}
+    if part in PER_NAME and isinstance(name, str) and not isinstance(whole, dict) and whole is not None:
+        result[part] = {"default": whole}
+    if part == "uncertainty.friction" and isinstance(inner[-1], int):
+        believed, given = config.contact.friction, whole if isinstance(whole, dict) else {"": whole, "default": whole}
+        place = name if isinstance(name, str) else ""
+        interval = given.get(place, given.get("default"))
+        if interval is None:
+            value = believed.get(place, believed.get("default")) if isinstance(believed, dict) else believed
+            interval = None if value is None else (value, value)
+        if interval is not None and place not in given:
+            result[f"{part}.{place}" if place else part] = interval
+    elif part in ("uncertainty.center_of_mass", "uncertainty.mass") and len(inner) > 1 and name not in whole:
+        item = config.tray if name == "tray" else config.objects.get(str(name))
+        if item is not None:
+            result[f"{part}.{name}"] = (item.mass,) * 2 if kind == "mass" else (0.0, 0.0, 0.0)
+    return result
+
+
+def _identity(setting: Setting) -> tuple[Any, ...]:
+    return tuple(sorted((key, tuple(np.ravel(value).tolist())) for key, value in setting.items()))

@@ -1,0 +1,137 @@
+"""Batches of plans against single plans: the same bits, whatever the number of workers."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import robustopt as ro
+from robustopt.batch import BatchPlanner, with_beliefs
+from robustopt.config import Config, load_config, with_values
+from robustopt.errors import ConfigError
+from robustopt.problem import build_problem
+from robustopt.timescaling import Plan, Status, solve
+
+CONFIGS = Path(__file__).parents[1] / "configs"
+HEIGHT, DEVIATION = "objects.upper.center_of_mass.2", "uncertainty.joint_acceleration.deviation"
+
+SETTINGS: dict[str, list[dict[str, Any]]] = {
+    "waiter_two_blocks": [
+        {},
+        {"contact.friction": 0.3},
+        {"contact.friction.upper": 0.2, "contact.friction.lower": 0.6},
+        {"contact.friction": 0.4, HEIGHT: 0.02},
+        {"uncertainty.center_of_mass.upper.2": 0.01, "uncertainty.center_of_mass.upper.0": 0.003, DEVIATION: 0.3},
+        {"uncertainty.friction.upper.0": 0.25, "uncertainty.mass.upper": [0.4, 0.6]},
+        {"uncertainty.contact_points.lower": 0.004, "tray.mass": 2.0},
+        {DEVIATION: 50.0},  # no plan
+        {"contact.friction": 0.05},
+    ],
+    "waiter_side_by_side": [
+        {},
+        {"uncertainty.friction.bottle.0": 0.2},
+        {"uncertainty.mass.bottle.1": 1.0, "objects.lid.center_of_mass": [0.01, 0.0, 0.0]},
+    ],
+    "waiter_one_block": [{"contact.friction": mu, DEVIATION: d} for mu in (0.2, 0.5) for d in (0.0, 0.5)],
+    "waiter_heavy": [{}, {"contact.friction": 0.3}],
+    "waiter_bridge": [{}, {"contact.friction": 0.4}],
+}
+
+
+@cache
+def config_of(name: str) -> Config:
+    return load_config(CONFIGS / f"{name}.yaml", ["solver.collocation_points=40"])
+
+
+def single(config: Config, setting: dict[str, Any]) -> Plan:
+    return solve(build_problem(with_beliefs(config, setting)), "reachability")
+
+
+@pytest.mark.parametrize("name", sorted(SETTINGS))
+def test_plans_of_a_batch_are_the_single_plans_bit_for_bit(name: str) -> None:
+    config, settings = config_of(name), SETTINGS[name]
+    for plan, setting in zip(ro.solve_batch(config, settings, workers=2), settings, strict=True):
+        alone = single(config, setting)
+        assert plan.status is alone.status
+        assert plan.duration == alone.duration
+        assert plan.x.tobytes() == alone.x.tobytes()
+        assert plan.problem.row_names == alone.problem.row_names
+        assert plan.active == alone.active
+
+
+def test_the_beliefs_are_those_of_the_configuration_written_out() -> None:
+    config = config_of("waiter_two_blocks")
+    same = {
+        "contact.friction.upper": (0.3, {"contact.friction": {"default": 0.5, "upper": 0.3}}),
+        "uncertainty.friction.upper.0": (0.3, {"uncertainty.friction": {"upper": [0.3, 0.5]}}),
+        "uncertainty.friction.0": (0.3, {"uncertainty.friction": [0.3, 0.5]}),
+        "uncertainty.mass.upper.1": (0.6, {"uncertainty.mass": {"upper": [0.5, 0.6]}}),
+        "uncertainty.center_of_mass.upper.1": (0.01, {"uncertainty.center_of_mass": {"upper": [0.0, 0.01, 0.0]}}),
+        DEVIATION: (0.2, {"uncertainty.joint_acceleration": {"deviation": 0.2}}),
+        HEIGHT: (0.01, {"objects.upper.center_of_mass": [0.0, 0.0, 0.01]}),
+    }
+    for key, (value, written) in same.items():
+        assert with_beliefs(config, {key: value}) == with_values(config, written)
+
+
+def test_the_number_of_workers_and_the_order_do_not_matter() -> None:
+    config, rng = config_of("waiter_two_blocks"), np.random.default_rng(0)
+    settings = [{"contact.friction": mu, HEIGHT: h} for mu, h in rng.uniform([0.1, -0.02], [1.0, 0.02], (24, 2))]
+    first = BatchPlanner(config, workers=1).durations(settings)
+    second = BatchPlanner(config, workers=3).durations(settings[::-1])[::-1]
+    assert first.tobytes() == second.tobytes()
+
+
+def test_what_is_worse_for_the_robot_never_shortens_the_plan() -> None:
+    """Monotone in the settings to 1e-6, also where the forward pass is polished."""
+    planner = BatchPlanner(config_of("waiter_two_blocks"))
+    for key, values in (
+        ("contact.friction", np.linspace(1.0, 0.1, 40)),
+        (DEVIATION, np.linspace(0.0, 1.0, 40)),
+        ("uncertainty.center_of_mass.upper.0", np.linspace(0.0, 0.02, 20)),
+    ):
+        durations = planner.durations([{key: float(value)} for value in values])
+        assert np.isfinite(durations).all()
+        assert (np.diff(durations) >= -1e-6 * durations[1:]).all()
+
+
+def test_no_plan_is_an_infinite_duration() -> None:
+    planner = BatchPlanner(config_of("waiter_two_blocks"))
+    settings = [{DEVIATION: 50.0}, {}]
+    assert np.isinf(planner.durations(settings)).tolist() == [True, False]
+    assert [plan.status for plan in planner.plans(settings)] == [Status.INFEASIBLE, Status.SOLVED]
+
+
+def test_a_setting_is_planned_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    planner, planned = BatchPlanner(config_of("waiter_two_blocks"), workers=1), []
+    monkeypatch.setattr(planner, "_plan", lambda setting: planned.append(setting) or single(planner.config, setting))
+    again = {"contact.friction": 0.3}
+    durations = planner.durations([again, {"contact.friction": 0.4}, dict(again)])
+    assert durations[0] == durations[2] == planner.durations([again])[0]
+    assert len(planned) == 2
+    assert planner.durations([]).shape == (0,)
+
+
+@pytest.mark.parametrize(
+    ("setting", "key", "words"),
+    [
+        ({"robot.base.position": [0.0, 0.0, 0.0]}, "robot.base.position", "is no belief"),
+        ({"solver.collocation_points": 50}, "solver.collocation_points", "is no belief"),
+        ({"contact.fricton": 0.3}, "contact.fricton", "did you mean contact.friction?"),
+        ({"objects.middle.mass": 0.3}, "objects.middle.mass", "expected one of lower, upper"),
+        ({"objects.upper.size": [0.1, 0.1, 0.1]}, "objects.upper.size", "is no belief"),
+        ({"contact.friction": -0.3}, "contact.friction", "found -0.3"),
+        ({"contact.friction.middle": 0.3}, "contact.friction.middle", "nothing is called middle"),
+        ({"uncertainty.friction": [0.6, 0.7]}, "uncertainty.friction", "does not contain contact.friction"),
+        ({HEIGHT: float("nan")}, "objects.upper.center_of_mass[2]", "found nan"),
+        ({"contact": 0.3}, "contact", "is no belief"),
+    ],
+)
+def test_bad_settings_say_what_is_wrong(setting: dict[str, Any], key: str, words: str) -> None:
+    with pytest.raises(ConfigError, match=words.replace("?", r"\?")) as error:
+        BatchPlanner(config_of("waiter_two_blocks")).durations([{}, setting])
+    assert error.value.problems[0].key == key
