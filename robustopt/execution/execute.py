@@ -17,6 +17,7 @@ from robustopt.execution.outcome import Status, TrialOutcome
 from robustopt.execution.scenes import scene_of
 from robustopt.foot_forces import planned_forces
 from robustopt.timescaling import Plan
+from robustopt.timescaling.plan import controls_of
 from robustopt.trajectory import Trajectory
 
 LONGEST_STEP = 0.1
@@ -131,8 +132,12 @@ def prepare(config: Config, plan: Plan, seed: int | None = None, speed: float = 
 
 
 def faster(plan: Plan, speed: float) -> Plan:
-    """The plan run `speed` times as fast: x and u grow with its square."""
-    return replace(plan, x=plan.x * speed**2, u=plan.u * speed**2, duration=plan.duration / speed)
+    """The plan run `speed` times as fast: x and u grow with its square.
+
+    They are made from sd, which a stored plan has number for number.
+    """
+    x = (speed * np.sqrt(np.maximum(plan.x, 0.0))) ** 2
+    return replace(plan, x=x, u=controls_of(plan.problem.ds, x), duration=plan.duration / speed)
 
 
 def _with_torque(planned: Reference, plan: Plan, speed: float, timestep: float) -> Reference:
