@@ -142,11 +142,16 @@ def build_problem(config: Config) -> TimeScalingProblem:
     Raises ConfigError, RobotError or PathError where the configuration cannot be used. A problem that has no solution
     is no error here: `solve` says so.
     """
+    return rows_along(track_of(config), config)
+
+
+def track_of(config: Config) -> Track:
+    """The track of a configuration. Raises ConfigError, RobotError or PathError where that cannot be used."""
     if config.walks:
         walker = load_walker(config)
-        return build_rows(config, walker, build_walking_path(config, walker))
+        return build_track(config, walker, build_walking_path(config, walker))
     robot = load_robot(config)
-    return build_rows(config, robot, build_path(config, robot))
+    return build_track(config, robot, build_path(config, robot))
 
 
 def build_rows(config: Config, robot: Robot | Walker, path: Path) -> TimeScalingProblem:

@@ -143,7 +143,7 @@ class Walker:
     def dynamics(self, q: Array, q1: Array, q2: Array) -> WalkerDynamics:
         """Dynamics along a path: `q`, `q1` = q'(s), `q2` = q''(s), shape (P, n) each."""
         P, n = q.shape
-        model, data = self._model, self._data
+        model, data = self._model, mujoco.MjData(self._model)
         mass_matrix, force_0, moving = np.empty((P, n, n)), np.empty((P, n)), np.empty((P, n))
         jacobians = {name: np.empty((P, 6, n)) for name in self.feet}
         bodies = {name: int(model.site_bodyid[site]) for name, site in self._sites.items()}
@@ -221,7 +221,7 @@ class Walker:
     def body_motion(self, name: str, q: Array, q1: Array, q2: Array) -> BodyMotion:
         """Motion of the frame of a body along a path, for what its mass and centre of mass add to the dynamics."""
         P, n = q.shape
-        model, data, body = self._model, self._data, self._model.body(name).id
+        model, data, body = self._model, mujoco.MjData(self._model), self._model.body(name).id
         J, at_origin, rate, rotation = np.empty((P, 6, n)), np.empty((P, 6, n)), np.empty((6, n)), np.empty((P, 3, 3))
         bias = np.empty((P, 6))
         for i in range(P):

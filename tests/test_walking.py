@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
+from robustopt.batch import BatchPlanner, with_beliefs
 from robustopt.certificate import certify
 from robustopt.cli import run
 from robustopt.config import load_config, with_values
@@ -64,12 +65,12 @@ def torque_of(problem: TimeScalingProblem) -> StandingTorque:
     return problem.limits.torque
 
 
-def with_beliefs(problem: TimeScalingProblem, values: dict[str, Any]) -> TimeScalingProblem:
+def believing(problem: TimeScalingProblem, values: dict[str, Any]) -> TimeScalingProblem:
     return build_rows(with_values(problem.config, values), problem.robot, problem.path)
 
 
 def duration(problem: TimeScalingProblem, values: dict[str, Any]) -> float:
-    found = solve(with_beliefs(problem, values), "reachability")
+    found = solve(believing(problem, values), "reachability")
     assert found.status is Status.SOLVED
     return found.duration
 
@@ -188,7 +189,7 @@ UNCERTAIN = {
 def test_rows_over_the_load_bound_every_value_of_the_parameters(problem: TimeScalingProblem) -> None:
     """Random rows at random (u, x): at least as large as with the forces of a model of random bodies, and hardly more
     than the largest of them over the corners of one direction."""
-    uncertain, walker = with_beliefs(problem, UNCERTAIN), walker_of(problem)
+    uncertain, walker = believing(problem, UNCERTAIN), walker_of(problem)
     loads, rng = torque_of(uncertain).loads, np.random.default_rng(2)
     points = np.arange(0, 60, 12)
     u, x = rng.normal(size=len(points)), 0.1 * rng.random(len(points))
@@ -218,7 +219,7 @@ def test_rows_over_the_load_bound_every_value_of_the_parameters(problem: TimeSca
 
 
 def test_facets_of_every_stance_are_the_cone_of_its_forces(problem: TimeScalingProblem) -> None:
-    uneven = with_beliefs(problem, {"contact.friction": {"left_foot": 0.4, "right_foot": 0.15}})
+    uneven = believing(problem, {"contact.friction": {"left_foot": 0.4, "right_foot": 0.15}})
     rng = np.random.default_rng(3)
     for family in uneven.limits.contacts[:3]:
         system = family.system
@@ -259,10 +260,21 @@ def test_each_foot_has_a_friction_of_its_own(problem: TimeScalingProblem) -> Non
 
 def test_both_solvers_find_the_same_plan(problem: TimeScalingProblem) -> None:
     for values in ({}, UNCERTAIN):
-        uncertain = with_beliefs(problem, values)
+        uncertain = believing(problem, values)
         fast, exact = solve(uncertain, "reachability"), solve(uncertain, "ipopt")
         assert fast.status is exact.status is Status.SOLVED
         assert fast.duration == pytest.approx(exact.duration, rel=1e-4)
+
+
+def test_plans_of_a_batch_are_those_of_their_settings(problem: TimeScalingProblem) -> None:
+    settings: list[dict[str, Any]] = [
+        {"contact.friction.left_foot": 0.2, "uncertainty.base_acceleration": 0.1},
+        {"contact.friction.right_foot": 0.25, "uncertainty.center_of_mass.torso.2": 0.02},
+        {"uncertainty.contact_points": 0.02},
+    ]
+    found = BatchPlanner(problem.config, workers=2).durations(settings)
+    for setting, time in zip(settings, found, strict=True):
+        assert solve(build_problem(with_beliefs(problem.config, setting)), "reachability").duration == time
 
 
 # Torques --------------------------------------------------------------------------------------------------
@@ -306,7 +318,7 @@ def _with_limits(plan: Plan, torque: float) -> Plan:
 
 def test_a_plan_passes_its_certificate_tightly(problem: TimeScalingProblem) -> None:
     for values in ({}, UNCERTAIN):
-        uncertain = with_beliefs(problem, values | {"solver.collocation_points": 200})
+        uncertain = believing(problem, values | {"solver.collocation_points": 200})
         certificate = certify(uncertain.config, solve(uncertain))
         assert certificate.passed, certificate.sentence
         contacts = [margin.on_grid for name, margin in certificate.margins.items() if name.startswith("contact of")]
