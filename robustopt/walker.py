@@ -67,6 +67,10 @@ class BodyMotion:
     to_force: Array
 
 
+TOUCH = 1e-4
+"""Overlap that counts as touching [m]: rounding, well below any collision of interest."""
+
+
 class Walker:
     """A floating base with joints and two feet.
 
@@ -207,6 +211,23 @@ class Walker:
                 rotation = self._data.site_xmat[site].reshape(3, 3)
                 places[name][t] = self._data.site_xpos[site] + self.feet[name].points @ rotation.T
         return places
+
+    def first_collision(self, q: Array) -> tuple[int, tuple[str, str], float] | None:
+        """First of the postures q (T, n) in which two bodies overlap: its index, the bodies, and the overlap [m]."""
+        model = copy(self._model)
+        disable = mujoco.mjtDisableBit
+        model.opt.disableflags &= ~(int(disable.mjDSBL_CONTACT) | int(disable.mjDSBL_CONSTRAINT))
+        data = mujoco.MjData(model)
+        for t, qt in enumerate(q):
+            data.qpos[:] = qt
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            mujoco.mj_collision(model, data)
+            if data.ncon and data.contact.dist.min() < -TOUCH:
+                deepest = int(np.argmin(data.contact.dist))
+                first, second = (model.body(model.geom_bodyid[g]).name for g in data.contact.geom[deepest])
+                return t, (first, second), -float(data.contact.dist[deepest])
+        return None
 
     def inertia_of(self, name: str) -> tuple[float, Array, Array]:
         """Mass [kg] of a body, its centre of mass in the body's frame (3,) [m], and the inertia about it (3, 3)."""

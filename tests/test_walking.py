@@ -125,6 +125,7 @@ def test_labels_say_which_foot_is_in_the_air(problem: TimeScalingProblem) -> Non
         ("path.steps=[{foot: right, to: [0.8, -0.16]}]", "path.steps[0]", "the legs do not reach both feet at s ="),
         ("path.pelvis_height=0.6", "path.steps[0]", "a lower path.pelvis_height"),
         ("robot.limits={left_knee: {position: [0, 1.2]}}", "path.start", "left_knee would be at"),
+        ("path.start={left: [0, 0.03], right: [0, -0.03]}", "path.start", "collide"),
     ],
 )
 def test_a_path_out_of_reach_or_beyond_a_joint_says_where(override: str, key: str, words: str) -> None:
