@@ -72,8 +72,12 @@ class BatchPlanner:
         """
         keys = [_identity(setting) for setting in settings]
         new = {key: setting for key, setting in zip(keys, settings, strict=True) if key not in self._durations}
-        self._durations.update(zip(new, self._each(new.values(), self._duration), strict=True))
+        self._durations.update(zip(new, self.plan_durations(list(new.values())), strict=True))
         return np.array([self._durations[key] for key in keys])
+
+    def plan_durations(self, settings: Sequence[Setting]) -> Array:
+        """The same, computed anew."""
+        return np.array(self._each(settings, self._duration))
 
     def plans(self, settings: Sequence[Setting]) -> list[Plan]:
         """The plan of each setting: what `solve(build_problem(config), "reachability")` gives for it."""
@@ -151,7 +155,8 @@ def _written_out(config: Config, key: Key) -> dict[str, Any]:
     if part in PER_NAME and isinstance(name, str) and not isinstance(whole, dict) and whole is not None:
         result[part] = {"default": whole}
     if part == "uncertainty.friction" and isinstance(inner[-1], int):
-        believed, given = config.contact.friction, whole if isinstance(whole, dict) else {"": whole, "default": whole}
+        given = {} if whole is None else whole if isinstance(whole, dict) else {"": whole, "default": whole}
+        believed = config.contact.friction
         place = name if isinstance(name, str) else ""
         interval = given.get(place, given.get("default"))
         if interval is None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -83,7 +84,7 @@ class TimeScalingProblem:
     reference: Array = field(repr=False)
     kept: frozenset[str] | None = None
 
-    @property
+    @cached_property
     def ds(self) -> Array:
         """Interval lengths, (P - 1,); 0 at stops."""
         return np.diff(self.s)
