@@ -28,6 +28,7 @@ from robustopt.rows import evaluate
 from robustopt.timescaling import Plan, Status, solve
 from robustopt.timescaling.plan import interval_ends
 from robustopt.timescaling.sharing import missing_shared_rows
+from robustopt.trajectory import Trajectory
 from robustopt.walker import Walker
 from robustopt.walking import StandingTorque
 from robustopt.walking_path import WalkingPath
@@ -508,3 +509,37 @@ def test_an_arm_has_a_tray_and_no_base_acceleration() -> None:
             waiter, ["tray=null", "uncertainty.base_acceleration=1", "path.start={left: [0, 1], right: [0, 0]}"]
         )
     assert {"tray", "uncertainty.base_acceleration", "path.start"} <= {p.key for p in caught.value.problems}
+
+
+# In MuJoCo ------------------------------------------------------------------------------------------------
+
+
+def on_the_floor(friction: float) -> mujoco.MjModel:
+    """The shipped model, all as in its file, on a floor."""
+    spec = mujoco.MjSpec.from_file(str(MODELS / "humanoid.xml"))
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[5, 5, 0.1])
+    model = spec.compile()
+    model.geom_friction[np.array(model.geom_priority) == 1, 0] = friction
+    return model
+
+
+@pytest.mark.parametrize(("believed", "slips"), [(0.2, False), (0.8, True)])
+def test_the_planned_torques_make_the_model_walk_without_any_balance(believed: float, slips: bool) -> None:
+    """Open loop: joint gains of the file and the planned torques; it slips only where less friction was there than
+    the plan believed."""
+    plan = solve(build_problem(load_config(CONFIG, [f"contact.friction={believed}"])))
+    model, walker = on_the_floor(0.2), walker_of(plan.problem)
+    data = mujoco.MjData(model)
+    t = np.arange(-0.3, plan.duration + 0.7, model.opt.timestep)
+    wanted, (torque, _) = Trajectory.from_plan(plan).sample(t), planned_forces(plan).sample(t)
+    kp, kd = model.actuator_gainprm[:, 0], -model.actuator_biasprm[:, 2]
+    control = wanted.q[:, BASE:] + (kd * wanted.qd[:, BASE:] + torque[:, BASE:]) / kp
+    data.qpos[:] = walker.qpos(wanted.q[:1])[0]
+    for row in control:
+        data.ctrl[:] = row
+        mujoco.mj_step(model, data)
+    goal = walker.qpos(wanted.q[-1:])[0]
+    off = np.abs(data.qpos[:2] - goal[:2]).max()
+    assert abs(data.qpos[2] - goal[2]) < 0.002
+    assert data.body("torso").xmat[8] > np.cos(0.01)
+    assert (off > 0.01) if slips else (off < 0.002)
