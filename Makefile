@@ -7,7 +7,7 @@ RUN := $(BIN)/robustopt
 export OPENBLAS_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow lint format type docs bench bench-execution reproduce-tables reproduce-all clean
+.PHONY: help demo test test-slow lint format type docs bench bench-execution bench-learners reproduce-tables reproduce-all clean
 
 help:  ## what each target does
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 20
@@ -51,6 +51,9 @@ bench: $(VENV)/.test  ## time the solvers side by side; writes results/benchmark
 
 bench-execution: $(VENV)/.test  ## executor against a bare MuJoCo rollout, and its memory; writes results/benchmarks
 	$(BIN)/python experiments/bench_execution.py
+
+bench-learners: $(VENV)/.test  ## learners of several parameters on synthetic problems; writes results/benchmarks
+	$(BIN)/python experiments/bench_learners.py
 
 reproduce-tables: $(VENV)/.run  ## the paper's tables and figure, beside the paper's numbers; writes results/tables
 	$(BIN)/python experiments/reproduce.py

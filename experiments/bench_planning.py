@@ -26,6 +26,7 @@ from bench_report import write_report
 from figure_3 import PAPER_FIGURE_3
 from timing import interleaved, machine_facts, spread
 
+from robustopt.batch import BatchPlanner
 from robustopt.config import Config, load_config
 from robustopt.errors import RobustOptError
 from robustopt.path import build_path
@@ -44,6 +45,20 @@ ALL_FIVE = """uncertainty={friction: [0.4, 0.6], joint_acceleration: {deviation:
   center_of_mass: {lower: [0.003, 0.003, 0.01], upper: [0.003, 0.003, 0.01]},
   mass: {lower: [0.45, 0.55], upper: [0.45, 0.55]}}"""
 CASES = {"none": "uncertainty={}", "friction, acceleration": FRICTION_ACCELERATION, "all five": ALL_FIVE}
+
+BATCHES: dict[str, dict[str, tuple[float, float]]] = {
+    "friction": {"contact.friction": (0.2, 1.0)},
+    "friction, height of a centre of mass": {
+        "contact.friction": (0.2, 1.0),
+        "objects.upper.center_of_mass.2": (-0.02, 0.02),
+    },
+    "friction, intervals of centre of mass, acceleration": {
+        "contact.friction": (0.2, 1.0),
+        "uncertainty.center_of_mass.upper.2": (0.0, 0.02),
+        "uncertainty.joint_acceleration.deviation": (0.0, 0.3),
+    },
+}
+"""Beliefs that differ from setting to setting of a batch, and the range that they are drawn from."""
 
 REFERENCE = 1000
 """N up to which a whole plan is repeated in full, and beyond which the less, the more points it has."""
@@ -66,6 +81,8 @@ class Size:
     growth_repetitions: int = 7
     growth_turn: float = 0.5
     split_repetitions: int = 3
+    settings: int = 1000
+    batch_repetitions: int = 5
     cold: int = 5
     from_source: int = 2
     configs: tuple[str, ...] = tuple(sorted(path.stem for path in (ROOT / "configs").glob("waiter_*.yaml")))
@@ -73,7 +90,7 @@ class Size:
 
 QUICK = Size(
     rows=(20, 40), whole=(20, 40), split=(20,), grids=(20, 40, 80), repetitions=2, growth=(20, 40),
-    growth_repetitions=2, growth_turn=0.02, split_repetitions=1, cold=1, from_source=0,
+    growth_repetitions=2, growth_turn=0.02, split_repetitions=1, settings=8, batch_repetitions=2, cold=1, from_source=0,
     configs=(TWO_BLOCKS, SIDE_BY_SIDE),
 )  # fmt: skip
 
@@ -204,6 +221,29 @@ def _growth(plan: Callable[[Config], Plan], size: Size) -> Iterator[Record]:
         }
 
 
+def batches(size: Size) -> Iterator[Record]:
+    """Durations for many settings of the beliefs, N = 200, with one thread and with all cores; nothing remembered."""
+    config = configured(TWO_BLOCKS, 200)
+    cores = BatchPlanner(config).workers
+    for beliefs, ranges in BATCHES.items():
+        low, high = zip(*ranges.values(), strict=True)
+        drawn = np.random.default_rng(0).uniform(low, high, (size.settings, len(ranges))).tolist()
+        settings = [dict(zip(ranges, values, strict=True)) for values in drawn]
+        planners = {workers: BatchPlanner(config, workers) for workers in sorted({1, cores})}
+        calls = {workers: partial(planner.plan_durations, settings) for workers, planner in planners.items()}
+        for workers, times in interleaved(calls, size.batch_repetitions).items():
+            yield {
+                "part": "batch",
+                "config": TWO_BLOCKS,
+                "uncertainty": beliefs,
+                "solver": contenders.PLAN,
+                "N": 200,
+                "settings": size.settings,
+                "workers": workers,
+                **spread(times),
+            }
+
+
 def papers_split(size: Size) -> Iterator[Record]:
     """Ipopt outside, linear programs over the contact forces inside, beside the paper's computing times."""
     builds = {case: task(TWO_BLOCKS, CASES[case]) for case in ("none", "all five")}
@@ -257,7 +297,7 @@ def main() -> None:
     size = QUICK if arguments.quick else Size()
     began, machine = time.perf_counter(), machine_facts(PACKAGES)
     records: list[Record] = []
-    for part in (solver_stage, cold_start, whole_plan, papers_split, discretisation):
+    for part in (solver_stage, cold_start, whole_plan, batches, papers_split, discretisation):
         records += part(size)
         print(f"{time.perf_counter() - began:6.1f} s  {part.__name__}", flush=True)
     for path in write_report(records, machine, arguments.out):

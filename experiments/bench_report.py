@@ -23,7 +23,7 @@ NOISE = 0.1
 KEYS = (
     "part", "config", "uncertainty", "solver", "N", "rows", "seconds", "lower_quartile", "upper_quartile",
     "repetitions", "times_passes", "times_stage", "per_point", "duration", "longer", "excess", "import_seconds",
-    "second_seconds", "rounds", "inner_programs", "inner_seconds", "paper_seconds",
+    "second_seconds", "rounds", "inner_programs", "inner_seconds", "paper_seconds", "settings", "workers",
 )  # fmt: skip
 
 INTRODUCTION = """# Planning: computing times
@@ -37,8 +37,8 @@ SOLVER_STAGE = """## Solver stage: the same rows
 The rows of `build_problem`, redundant ones removed, without padding; the contenders satisfy them at both ends of every
 interval. Where the path has stops, toppra and copp-py solve piece by piece, and the times are added. Constructing their
 problems is not counted. "passes" is the backward and the forward pass of `reachability`, which give what the contenders
-give; "all" is `solve_reachability`, which also bounds the distance to the optimum, polishes where the forward pass is
-not optimal, and names the limits that bind on every interval. Warm; a call shorter than 2 ms is repeated for that long.
+give; "all" is `solve_reachability`, which also bounds the distance to the optimum and polishes where the forward pass
+is not optimal. Warm; a call shorter than 2 ms is repeated for that long.
 """
 
 COLD_START = """## Cold: the first call in a fresh process
@@ -55,6 +55,12 @@ the robot and its path by inverse kinematics, which do not depend on N, and the 
 
 GROWTH = """How the time grows: the same calls, the grids taking turns of half a second, or of one call where it is
 longer. "Per point" is the time per collocation point against that on the first grid: linear growth is 1.
+"""
+
+BATCH = """## Batches
+
+Durations of two blocks, N = 200, for settings of the beliefs drawn at random: `BatchPlanner`, with nothing remembered
+from setting to setting but robot, path and dynamics. The same plans, one by one, bit for bit.
 """
 
 PAPERS_SPLIT = """## The paper's split
@@ -80,6 +86,7 @@ def write_report(records: Sequence[Record], machine: str, folder: Path) -> list[
         COLD_START: _cold_start(records),
         WHOLE_PLAN: _whole_plan(records),
         GROWTH: _growth(records),
+        BATCH: _batches(records),
         PAPERS_SPLIT: _papers_split(records),
         DISCRETISATION: _discretisation(records),
     }
@@ -132,6 +139,10 @@ def _plan_goals(records: Sequence[Record]) -> Iterator[Goal]:
         yield _goal(f"whole plan, N = 200, intervals: {case} [ms]", limit, seconds)
     growth = [float(r["per_point"]) for r in select(records, "growth", N=(2000, 5000))]
     yield _goal("whole plan: time per point at N = 2000 and 5000 against N = 1000", 1, growth, ".2f", NOISE)
+    every = select(records, "batch", settings=1000)
+    cores = max((int(r["workers"]) for r in every), default=1)
+    seconds = [float(r["seconds"]) for r in every if r["workers"] == cores]
+    yield _goal(f"1,000 settings of two blocks, N = 200, {cores} threads, slowest kind [s]", 2, seconds, ".2f")
     for points, limit in ((200, 2), (2000, 20)):
         seconds = [float(r["seconds"]) for r in select(records, "paper's split", N=points)]
         yield _goal(f"ipopt with inner programs, N = {points} [s]", limit, seconds, ".2f")
@@ -176,6 +187,15 @@ def _growth(records: Sequence[Record]) -> Table:
         Column("per_point", "per point", ".2f"),
     )  # fmt: skip
     return Table(columns, _scaled(select(records, "growth"), 1e3, "seconds"))
+
+
+def _batches(records: Sequence[Record]) -> Table:
+    columns = (
+        Column("uncertainty", "beliefs"), Column("settings", "settings"), Column("workers", "threads"),
+        Column("seconds", "time [s]", ".2f"), Column("lower_quartile", "lower quartile", ".2f"),
+        Column("upper_quartile", "upper quartile", ".2f"),
+    )  # fmt: skip
+    return Table(columns, tuple(select(records, "batch")))
 
 
 def _papers_split(records: Sequence[Record]) -> Table:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from learned import TABLES, Bench, bench
 
-PAPER = ("durations", "table_1", "table_2", "figure_3")
+PAPER = ("durations", "table_1", "table_2", "figure_3", "table_3", "table_4", "figure_8")
 BEYOND = ("table_2_truths", "table_2_K", "table_2_calibrated")
 """Parts, each a module with `write(out, place)`; the first are the paper's own."""
 

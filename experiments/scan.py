@@ -13,7 +13,7 @@ import numpy as np
 from learned import Bench
 
 from robustopt.batch import BatchPlanner
-from robustopt.beliefs import Planner
+from robustopt.beliefs import Planner, learned_from
 from robustopt.confidence import upper_bound
 from robustopt.config import Config
 from robustopt.execution.monte_carlo import CHUNK
@@ -64,15 +64,17 @@ class Found:
     trials: int
 
 
-def fastest(config: Config, grid: Grid, rates: Sequence[float], trials: int, name: str, place: Bench) -> list[Found]:
-    """The fastest plan of a grid that reaches each rate, which must ascend; what is known is kept in a journal."""
+def fastest(
+    config: Config, beliefs: Sequence[Belief], rates: Sequence[float], trials: int, name: str, place: Bench
+) -> list[Found]:
+    """The fastest plan of those that reaches each rate, which must ascend; what is known is kept in a journal."""
     folder = place.work / name
     folder.mkdir(parents=True, exist_ok=True)
     if not (folder / JOURNAL).is_file():
         Journal.create(folder)
     journal = Journal.open(folder)
     try:
-        return list(_Walk(config, grid, journal, trials, place).found(rates))
+        return list(_Walk(config, beliefs, journal, trials, place).found(rates))
     finally:
         journal.close()
 
@@ -82,7 +84,9 @@ def _settings(beliefs: Sequence[Belief]) -> list[dict[str, float | tuple[float, 
     section = "uncertainty.joint_acceleration"
     settings: list[dict[str, float | tuple[float, ...]]] = []
     for belief in beliefs:
-        setting: dict[str, float | tuple[float, ...]] = {"contact.friction": belief.friction or 0.0}
+        setting: dict[str, float | tuple[float, ...]] = dict(belief.parameters)
+        if belief.friction is not None:
+            setting["contact.friction"] = belief.friction
         if belief.error is not None and not belief.error.is_zero:
             error = {"mean": belief.error.mean, "deviation": belief.error.deviation, "K": belief.error.K}
             setting |= {f"{section}.{key}": value for key, value in error.items()}
@@ -93,19 +97,20 @@ def _settings(beliefs: Sequence[Belief]) -> list[dict[str, float | tuple[float, 
 class _Walk:
     """Plans of a grid from the fastest to the slowest."""
 
-    def __init__(self, config: Config, grid: Grid, journal: Journal, trials: int, place: Bench) -> None:
+    def __init__(self, config: Config, beliefs: Sequence[Belief], journal: Journal, trials: int, place: Bench) -> None:
         self.planner, self.executor = Planner(config), Simulated(config, place.workers)
         self.journal, self.trials, self.place = journal, trials, place
-        self.plans = self._planned(grid)
+        self.plans = self._planned(beliefs)
         self.order = sorted((i for i, (_, duration) in enumerate(self.plans) if duration), key=self._duration)
 
-    def _planned(self, grid: Grid) -> list[tuple[Belief, float | None]]:
+    def _planned(self, beliefs: Sequence[Belief]) -> list[tuple[Belief, float | None]]:
         known = [(entry.belief, entry.duration) for entry in self.journal.entries()]
-        beliefs = grid.beliefs
-        assert [belief for belief, _ in known] == beliefs[: len(known)]
+        assert [belief for belief, _ in known] == list(beliefs[: len(known)])
         new = beliefs[len(known) :]
         self.place.say(f"scan, {len(new)} plans")
-        for belief, duration in zip(new, BatchPlanner(self.planner.config).durations(_settings(new)), strict=True):
+        keys = [key for key, _ in beliefs[0].parameters]
+        durations = BatchPlanner(learned_from(self.planner.config, keys)).durations(_settings(new))
+        for belief, duration in zip(new, durations, strict=True):
             known.append((belief, float(duration) if np.isfinite(duration) else None))
             self.journal.add_plan(*known[-1])
         return known

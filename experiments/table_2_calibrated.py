@@ -62,7 +62,7 @@ def write(out: Path, place: Bench) -> list[Path]:
         raise SystemExit("ILROBS found no plan that succeeds")
     error = returned.trial.belief.error or ErrorInterval()
     grid = Grid(ErrorInterval(error.mean, error.deviation, 1.0), 0.25, 0.8)
-    quickest = fastest(task(LUCKY), grid, RATES, TRIALS, "scan", place)
+    quickest = fastest(task(LUCKY), grid.beliefs, RATES, TRIALS, "scan", place)
     lines = []
     for rate, found in zip(RATES, quickest, strict=True):
         lines += [

@@ -60,7 +60,7 @@ def write(out: Path, place: Bench) -> list[Path]:
         for what, row in (("executed", best), ("returned", returned)):
             record = row_record(found, row)
             rate = record["success_rate"]
-            quickest = fastest(config, grid, [rate], TRIALS, f"scan-{truth:g}", place)[0]
+            quickest = fastest(config, grid.beliefs, [rate], TRIALS, f"scan-{truth:g}", place)[0]
             lines.append(
                 {
                     **record, "truth": truth, "what": what, "iterations": found.rows[-1].iteration,

@@ -19,9 +19,9 @@ import numpy as np
 from robustopt.config import Config, with_values
 from robustopt.config_yaml import Key, split_key
 from robustopt.errors import ConfigError
-from robustopt.problem import TimeScalingProblem, robot_and_path, rows_along
+from robustopt.problem import TimeScalingProblem, rows_along, track_of
 from robustopt.timescaling import Plan, solve
-from robustopt.track import Track, build_track
+from robustopt.track import Track
 
 Array = np.ndarray
 Setting = Mapping[str, float | Sequence[float]]
@@ -34,6 +34,7 @@ BELIEFS = (
     "uncertainty.center_of_mass",
     "uncertainty.mass",
     "uncertainty.joint_acceleration",
+    "uncertainty.base_acceleration",
     "tray.mass",
     "tray.center_of_mass",
     "tray.inertia",
@@ -44,7 +45,7 @@ BELIEFS = (
 """Keys, or sections of keys, that may differ between the settings of a batch: they concern neither robot nor path."""
 
 PER_NAME = ("contact.friction", "uncertainty.friction", "uncertainty.contact_points")
-"""Keys with one value for all objects, or one per name."""
+"""Keys with one value for all objects or feet, or one per name."""
 
 
 class BatchPlanner:
@@ -62,7 +63,7 @@ class BatchPlanner:
     @cached_property
     def track(self) -> Track:
         """What all plans share."""
-        return build_track(self.config, *robot_and_path(self.config))
+        return track_of(self.config)
 
     def durations(self, settings: Sequence[Setting]) -> Array:
         """Duration of the plan of each setting, (k,) [s]; infinite where there is none. Each is computed once.
@@ -71,8 +72,12 @@ class BatchPlanner:
         """
         keys = [_identity(setting) for setting in settings]
         new = {key: setting for key, setting in zip(keys, settings, strict=True) if key not in self._durations}
-        self._durations.update(zip(new, self._each(new.values(), self._duration), strict=True))
+        self._durations.update(zip(new, self.plan_durations(list(new.values())), strict=True))
         return np.array([self._durations[key] for key in keys])
+
+    def plan_durations(self, settings: Sequence[Setting]) -> Array:
+        """The same, computed anew."""
+        return np.array(self._each(settings, self._duration))
 
     def plans(self, settings: Sequence[Setting]) -> list[Plan]:
         """The plan of each setting: what `solve(build_problem(config), "reachability")` gives for it."""
@@ -150,7 +155,8 @@ def _written_out(config: Config, key: Key) -> dict[str, Any]:
     if part in PER_NAME and isinstance(name, str) and not isinstance(whole, dict) and whole is not None:
         result[part] = {"default": whole}
     if part == "uncertainty.friction" and isinstance(inner[-1], int):
-        believed, given = config.contact.friction, whole if isinstance(whole, dict) else {"": whole, "default": whole}
+        given = {} if whole is None else whole if isinstance(whole, dict) else {"": whole, "default": whole}
+        believed = config.contact.friction
         place = name if isinstance(name, str) else ""
         interval = given.get(place, given.get("default"))
         if interval is None:
@@ -160,8 +166,10 @@ def _written_out(config: Config, key: Key) -> dict[str, Any]:
             result[f"{part}.{place}" if place else part] = interval
     elif part in ("uncertainty.center_of_mass", "uncertainty.mass") and len(inner) > 1 and name not in whole:
         item = config.tray if name == "tray" else config.objects.get(str(name))
-        if item is not None:
-            result[f"{part}.{name}"] = (item.mass,) * 2 if kind == "mass" else (0.0, 0.0, 0.0)
+        if kind == "center_of_mass" and (item is not None or config.walks):
+            result[f"{part}.{name}"] = (0.0, 0.0, 0.0)
+        elif item is not None:
+            result[f"{part}.{name}"] = (item.mass, item.mass)
     return result
 
 

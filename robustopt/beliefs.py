@@ -15,9 +15,9 @@ from robustopt.errors import SolverFailed
 from robustopt.experiment import PlanResult
 from robustopt.learning.learner import Belief
 from robustopt.learning.moments import ErrorInterval
-from robustopt.problem import robot_and_path, rows_along
+from robustopt.problem import rows_along, track_of
 from robustopt.timescaling import Status, solve
-from robustopt.track import Track, build_track
+from robustopt.track import Track
 
 
 def believing(config: Config, belief: Belief) -> Config:
@@ -109,7 +109,7 @@ class Planner:
 
     @cached_property
     def _track(self) -> Track:
-        return build_track(self.config, *robot_and_path(self.config))
+        return track_of(self.config)
 
 
 def described(belief: Belief) -> str:

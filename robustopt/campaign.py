@@ -6,7 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from robustopt.beliefs import Planner
+from robustopt.batch import BatchPlanner
+from robustopt.beliefs import Planner, learned_from
 from robustopt.confidence import clopper_pearson
 from robustopt.config import Config, LearningConfig
 from robustopt.errors import ConfigError, RunFolderError
@@ -15,6 +16,7 @@ from robustopt.executors import JUDGED, Executor, Simulated
 from robustopt.journal import Journal
 from robustopt.learning import learner_of
 from robustopt.learning.learner import Learner, Planned, Request, Result, Row, State, tell_all
+from robustopt.learning.parameters import Array, Cost
 
 
 @dataclass(frozen=True)
@@ -116,7 +118,7 @@ class _Campaign:
             raise ConfigError("found no objects; expected at least one that friction holds", key="objects")
         self.config = config
         self.settings = config.learning or LearningConfig()
-        self.learner = learner_of(self.settings)
+        self.learner = learner_of(self.settings, _cost(config, self.settings))
         self.executor, self.journal, self.progress = executor, journal, progress
         self.planner = Planner(config)
         self.state = replayed(self.learner, journal)
@@ -177,6 +179,8 @@ class _Campaign:
             return
         known = self.journal.judgements(i)
         missing = [JUDGED + k for k in range(total) if JUDGED + k not in known]
+        if not missing:
+            return
         for start in range(0, len(missing), CHUNK):
             numbers = missing[start : start + CHUNK]
             self.journal.add_judgements(i, self.executor.run(self.planner.plan(row.trial.belief), numbers, 1.0))
@@ -193,6 +197,17 @@ class _Campaign:
         statuses = [status for _, status in found]
         counts = {status: statuses.count(status) for status in dict.fromkeys(statuses)}
         return Judgement(len(found), sum(success for success, _ in found), counts)
+
+
+def _cost(config: Config, settings: LearningConfig) -> Cost:
+    """f* of the learned parameters: the duration of their fastest plan, computed in batches and once each."""
+    keys = [parameter.key for parameter in settings.parameters]
+    batch = BatchPlanner(learned_from(config, keys))
+
+    def cost(values: Array) -> Array:
+        return batch.durations([dict(zip(keys, row, strict=True)) for row in values.tolist()])
+
+    return cost
 
 
 def replayed(learner: Learner[Any], journal: Journal) -> Any:

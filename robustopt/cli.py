@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import atexit
 import io
 import os
 import signal
 import sys
 from collections.abc import Sequence
+from contextlib import closing, suppress
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
@@ -14,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 
 from robustopt import __version__
-from robustopt.errors import ConfigError, RobustOptError
+from robustopt.errors import ConfigError, RobustOptError, RunFolderError
 from robustopt.terminal import ask, console, fail, learning_table, print_json, say, show, show_runs, status, trials_bar
 
 if TYPE_CHECKING:
@@ -173,8 +175,13 @@ def learn(
         bool, typer.Option("--resume", help="continue the run in --out, or the latest unfinished one of the task")
     ] = False,
     executor: Annotated[
-        ExecutorName, typer.Option(help="simulation, or manual: a person runs each trajectory and says what came of it")
-    ] = ExecutorName.simulation,
+        ExecutorName | None,
+        typer.Option(
+            help="simulation, or manual: a person runs each trajectory and says what came of it; default: simulation, "
+            "or that of the run which is resumed",
+            show_default=False,
+        ),
+    ] = None,
     seed: Seed = None,
     workers: Annotated[int, typer.Option(min=1, help="processes; threads share the cores that they leave")] = 1,
     figures: Annotated[bool, typer.Option(help="draw the figures")] = True,
@@ -348,7 +355,7 @@ class _Learning(NamedTuple):
     """Options of a learner's run."""
 
     resume: bool
-    executor: ExecutorName
+    executor: ExecutorName | None
     workers: int
     figures: bool
     json: bool
@@ -366,48 +373,58 @@ def _learn(config: Config | None, out: Path | None, options: _Learning) -> int:
     """Begin or continue a learner's run; config: None for the one that the run was begun with."""
     from robustopt.learning_run import begin, discard_if_empty, latest_unfinished, resumed
 
-    folder = out
-    if options.resume and config is not None and out is None:
-        folder = latest_unfinished(config.name)
+    folder = latest_unfinished(config) if options.resume and config is not None and out is None else out
     if options.resume and folder is not None and folder.is_dir() and any(folder.iterdir()):
-        task = resumed(folder, config)
-        if (folder / "summary.json").is_file():
-            from robustopt.store import read_summary
-
-            data = read_summary(folder)
-            show(data, folder, options.json, options.quiet)
-            return 0 if data["status"] == "learned" else 3
-    elif config is None:
-        raise ConfigError(f"{out}: no run to resume; expected the folder of a run of `robustopt learn`")
-    else:
-        task, folder = config, begin(config, out, sys.argv[1:])
+        return _continue(resumed(folder, config), folder, options)
+    if config is None:
+        raise RunFolderError(f"{out}: no run to resume; expected the folder of a run of `robustopt learn`")
+    folder = begin(config, out, sys.argv[1:], (options.executor or ExecutorName.simulation).value)
     try:
-        return _run_learner(task, folder, options)
-    except KeyboardInterrupt:
-        return _keep(folder, options)
-    except RobustOptError:
-        discard_if_empty(folder)
+        return _continue(config, folder, options)
+    except Exception:
+        discard_if_empty(folder, parents=2 if out is None else 0)
         raise
 
 
-def _run_learner(config: Config, folder: Path, options: _Learning) -> int:
-    from robustopt.journal import Journal
+def _continue(config: Config, folder: Path, options: _Learning) -> int:
+    """Bring a run to its end, or say how it ended where it is complete."""
+    from robustopt.learning_run import exit_code_of
+    from robustopt.store import is_run, read_summary
+
+    if is_run(folder):
+        data = read_summary(folder)
+    else:
+        try:
+            data = _run_learner(config, folder, options)
+        except (Exception, KeyboardInterrupt) as error:
+            if isinstance(error, KeyboardInterrupt) or _interruptions:  # an extension module may raise something else
+                message = f"interrupted; what was learned is kept: robustopt learn --resume --out {folder}"
+                return _Kept(fail("Interrupted", message, INTERRUPTED, options.json))
+            raise
+    show(data, folder, options.json, options.quiet)
+    return exit_code_of(data["status"])
+
+
+def _run_learner(config: Config, folder: Path, options: _Learning) -> dict[str, Any]:
+    """Learn, and write what was learned; the summary."""
+    from robustopt.journal import MANUAL, Journal
 
     silent = options.json or options.quiet
-    journal = Journal.open(folder)
-    try:
-        with learning_table(silent or options.executor is ExecutorName.manual) as progress:
+    with closing(Journal.open(folder)) as journal:
+        if options.executor not in (None, journal.executor):
+            raise RunFolderError(f"{folder}: was begun with --executor {journal.executor}; expected the same")
+        manual = journal.executor == MANUAL
+        with learning_table(silent or manual) as progress:
             from robustopt.campaign import learn as run_learner
-            from robustopt.executors import Executor, Simulated
+            from robustopt.executors import Simulated
             from robustopt.manual import Manual
 
-            executor: Executor = Simulated(config, options.workers)
-            if options.executor is ExecutorName.manual:
-                executor = Manual(folder, ask, say)
+            executor = Manual(folder, ask, say) if manual else Simulated(config, options.workers)
             learned = run_learner(config, executor, journal=journal, progress=progress)
             _stop_if_interrupted()
-        with status("writing", silent):
-            from robustopt.learning_run import complete, result_of, write_learning_files
+        from robustopt.learning_run import complete, result_of, write_learning_files, writing
+
+        with status("writing", silent), writing(folder):
             from robustopt.report import write_learning_figures, write_page
 
             result = result_of(learned, journal)
@@ -417,15 +434,7 @@ def _run_learner(config: Config, folder: Path, options: _Learning) -> int:
             write_page(data, folder)
             _stop_if_interrupted()
             complete(folder, data)
-    finally:
-        journal.close()
-    show(data, folder, options.json, options.quiet)
-    return result.exit_code
-
-
-def _keep(folder: Path, options: _Learning) -> int:
-    message = f"interrupted; what was learned is kept: robustopt learn --resume --out {folder}"
-    return _Kept(fail("Interrupted", message, INTERRUPTED, options.json))
+    return data
 
 
 def _dry_run(config: Config, json: bool, quiet: bool) -> int:
@@ -503,6 +512,9 @@ def main() -> None:
             stream.reconfigure(errors="replace")
     code = run(sys.argv[1:])
     if code == INTERRUPTED:  # at once: what was interrupted inside a library may complain when it is torn down
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+        with suppress(Exception):
+            atexit._run_exitfuncs()  # ends worker processes, which would complain of being left alone
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)

@@ -17,6 +17,7 @@ Positive = Annotated[FiniteFloat, Field(gt=0)]
 NonNegative = Annotated[FiniteFloat, Field(ge=0)]
 Length = Annotated[FiniteFloat, Field(ge=1e-6, le=100)]
 Coordinate = Annotated[FiniteFloat, Field(ge=-1000, le=1000)]
+Acceleration = Annotated[FiniteFloat, Field(ge=-1e6, le=1e6)]
 Distance = Annotated[FiniteFloat, Field(ge=0, le=100)]
 Mass = Annotated[FiniteFloat, Field(ge=1e-6, le=1e6)]
 Friction = Annotated[FiniteFloat, Field(ge=1e-6, le=100)]
@@ -27,6 +28,7 @@ Size = tuple[Length, Length, Length]
 Vector3 = tuple[Real, Real, Real]
 Vector4 = tuple[Real, Real, Real, Real]
 Vector6 = tuple[Real, Real, Real, Real, Real, Real]
+Acceleration3 = tuple[Acceleration, Acceleration, Acceleration]
 Interval = tuple[Real, Real]
 
 FEET = ("left_foot", "right_foot")
@@ -434,7 +436,11 @@ class LearningConfig(Section):
         default=(0.0, 1.0),
         description="interval of the coefficient of friction that is searched; it replaces that of all interfaces",
     )
-    delta: Positive = Field(default=0.05, description="interval of the friction at which bisection and ilrobs stop")
+    delta: Positive = Field(
+        default=0.05,
+        description="interval of the friction at which bisection and ilrobs stop; for branch and bound the side of a "
+        "box of parameters, as a part of their intervals",
+    )
     try_upper: bool = Field(
         default=True, description="ilrobs: try the upper end of the friction first; false halves at once"
     )
@@ -479,6 +485,19 @@ class LearningConfig(Section):
     parameters: tuple[LearnedParameter, ...] = Field(
         default=(), description="parameters that the branch-and-bound learners search"
     )
+    budget: int = Field(default=40, ge=1, description="executions that the branch-and-bound learners may take")
+    gap: Positive = Field(
+        default=0.01, description="relative gap of the best plan to the lower bound at which they stop"
+    )
+    executions_per_plan: int = Field(
+        default=1,
+        ge=1,
+        description="executions in a row that must succeed, 1 where executions do not vary; `bnb-informed` asks for a "
+        "success rate of 1 - 1/N",
+    )
+    plans: int = Field(
+        default=1000, ge=1, description="most plans that they make to know where to look; fewer where planning is slow"
+    )
 
 
 def _empty_mapping(data: Any) -> Any:
@@ -506,7 +525,7 @@ class Config(Section):
         default=None, description="execution in simulation; checked, but not read by `plan`"
     )
     learning: LearningConfig | None = Field(default=None, description="learning; checked, but not read by `plan`")
-    gravity: Vector3 = Field(default=(0.0, 0.0, -9.81), description="gravity in the world [m/s^2]")
+    gravity: Acceleration3 = Field(default=(0.0, 0.0, -9.81), description="gravity in the world [m/s^2]")
     seed: int = Field(default=0, ge=0, description="seed of every random number of the run")
     folder: Path = Field(
         default=Path("."), exclude=True, description="folder that relative file names in the configuration refer to"

@@ -8,6 +8,7 @@ RobustOptError
 ├── SolverFailed           a solver stopped without an answer, or its plan failed the certificate (exit code 4)
 ├── SimulationFailed       a plan cannot be simulated, or its simulation fails in every trial (exit code 5)
 └── RunFolderError         a run folder cannot be written or read (exit code 2)
+    └── RunInUse           another process is at work on the run
 
 Expected outcomes (infeasible, iteration limit) are statuses of a `Plan`; the last three of the tree are
 raised only by the command line and by functions that have no plan to return.
@@ -81,3 +82,7 @@ class RunFolderError(RobustOptError):
     """A run folder cannot be written or read."""
 
     exit_code = 2
+
+
+class RunInUse(RunFolderError):
+    """Another process is at work on the run."""

@@ -13,7 +13,10 @@ from robustopt.journal import Execution
 from robustopt.learning.moments import Moments
 
 JUDGED = 1_000_000_000
-"""Number of the first fresh execution: far from those of any learner, so that no random stream is used twice."""
+"""Number of the first fresh execution: far from those of any learner, so that no plan is judged by what chose it.
+
+All plans are judged by the same numbers, hence in the same worlds.
+"""
 
 
 class Executor(Protocol):

@@ -23,7 +23,7 @@ from robustopt.trajectory import binding_shares, joint_trajectory, write_plan_cs
 
 Effort = Literal["quick", "full"]
 
-PLAN = "plan.csv"
+PLAN, FIGURES = "plan.csv", "figures"
 
 
 @dataclass(frozen=True)

@@ -10,20 +10,27 @@ from __future__ import annotations
 import json
 import sqlite3
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
 
-from robustopt.errors import RunFolderError
+from robustopt.errors import RunFolderError, RunInUse
 from robustopt.learning.learner import Belief, Executed
 from robustopt.learning.moments import Moments
-from robustopt.store import SUMMARY
+from robustopt.store import JOURNAL
 
-JOURNAL = "journal.db"
+SIMULATION, MANUAL = "simulation", "manual"
+
+PATIENCE = 1.0
+"""How long another process is waited for that only looks whether a journal is in use [s]."""
 
 _TABLES = """
+CREATE TABLE origin (
+    executor TEXT NOT NULL          -- who makes the executions: they are never mixed
+);
 CREATE TABLE plans (
     plan INTEGER PRIMARY KEY,       -- in the order in which the learner asked, from 0
     belief TEXT NOT NULL,           -- what it was planned with, JSON
@@ -80,11 +87,6 @@ class Entry:
     executions: tuple[tuple[float, Execution], ...]
 
 
-def is_unfinished(folder: Path) -> bool:
-    """Whether a folder holds a run of a learner that is not complete."""
-    return (folder / JOURNAL).is_file() and not (folder / SUMMARY).is_file()
-
-
 class Journal:
     """Plans and executions in a SQLite file that this process alone holds; without a file, in memory."""
 
@@ -97,41 +99,40 @@ class Journal:
         """A journal that ends with the process."""
         connection = sqlite3.connect(":memory:", isolation_level=None)
         connection.executescript(_TABLES)
+        connection.execute("INSERT INTO origin VALUES (?)", (SIMULATION,))
         return Journal(connection, "memory")
 
     @staticmethod
-    def create(folder: Path) -> None:
-        """Write an empty journal into a folder."""
-        connection = sqlite3.connect(folder / JOURNAL, isolation_level=None)
+    def create(folder: Path, executor: str = SIMULATION) -> None:
+        """Write an empty journal into a folder; executor: who makes the executions, SIMULATION or MANUAL."""
+        path = folder / JOURNAL
         try:
-            connection.executescript(_TABLES)
-        finally:
-            connection.close()
+            with closing(sqlite3.connect(path, isolation_level=None)) as connection:
+                connection.executescript(f"BEGIN; {_TABLES} COMMIT;")
+                connection.execute("INSERT INTO origin VALUES (?)", (executor,))
+        except sqlite3.DatabaseError as error:
+            raise RunFolderError(f"{path}: cannot be written: {error}") from None
 
     @staticmethod
     def open(folder: Path) -> Journal:
         """The journal in a folder, held until it is closed or the process ends.
 
-        Raises RunFolderError where another process holds it, or the file is no journal.
+        Raises RunInUse where another process holds it, and RunFolderError where the file is no journal or is damaged.
         """
         path = folder / JOURNAL
         if not path.is_file():
             raise RunFolderError(f"{path}: no such file; expected the journal of a run of `robustopt learn`")
-        connection = sqlite3.connect(path, timeout=0, isolation_level=None)
+        connection = sqlite3.connect(path, timeout=PATIENCE, isolation_level=None)
         try:
-            connection.execute("PRAGMA locking_mode = EXCLUSIVE")
-            connection.execute("BEGIN EXCLUSIVE")
-            connection.execute("COMMIT")  # the lock stays
-            connection.execute("SELECT plan, belief, duration FROM plans LIMIT 1")
-        except sqlite3.OperationalError as error:
-            connection.close()
-            if "locked" in str(error):
-                message = f"{folder}: another process is at work on this run; expected to be the only one"
-                raise RunFolderError(message) from None
-            raise RunFolderError(f"{path}: cannot be used: {error}") from None
+            _hold(connection)
+            _require_sound(connection)
         except sqlite3.DatabaseError as error:
             connection.close()
-            raise RunFolderError(f"{path}: not a journal of robustopt: {error}") from None
+            if getattr(error, "sqlite_errorcode", 0) & 0xFF == sqlite3.SQLITE_BUSY:  # the rest says which kind of it
+                raise RunInUse(
+                    f"{folder}: another process is at work on this run; expected to be the only one"
+                ) from None
+            raise RunFolderError(f"{path}: not a journal of robustopt, or damaged: {error}") from None
         return Journal(connection, str(path))
 
     def close(self) -> None:
@@ -169,26 +170,52 @@ class Journal:
 
     # What is read ----------------------------------------------------------------------------------------
 
+    @property
+    def executor(self) -> str:
+        """Who makes the executions."""
+        return str(self._read("SELECT executor FROM origin")[0][0])
+
     def entries(self) -> Iterator[Entry]:
         """Every plan with its executions, in order."""
-        try:
-            plans = self._connection.execute("SELECT plan, belief, duration FROM plans ORDER BY plan").fetchall()
-            for plan, belief, duration in plans:
-                found = self._connection.execute(
-                    "SELECT speed, number, success, status, what, t, s, count, total, squares FROM executions "
-                    "WHERE plan = ? ORDER BY number",
-                    (plan,),
-                )
+        for plan, belief, duration in self._read("SELECT plan, belief, duration FROM plans ORDER BY plan"):
+            found = self._read(
+                "SELECT speed, number, success, status, what, t, s, count, total, squares FROM executions "
+                "WHERE plan = ? ORDER BY number",
+                plan,
+            )
+            try:
                 executions = tuple((speed, _execution(*values)) for speed, *values in found)
-                yield Entry(_BELIEF.validate_json(belief), duration, executions)
-        except (sqlite3.DatabaseError, ValidationError, ValueError, TypeError) as error:
-            raise RunFolderError(f"{self._place}: damaged: {error}") from None
+                entry = Entry(_BELIEF.validate_json(belief), duration, executions)
+            except (ValueError, TypeError) as error:
+                raise RunFolderError(f"{self._place}: damaged: plan {plan}: {error}") from None
+            yield entry
 
     def judgements(self, plan: int) -> dict[int, tuple[bool, str]]:
         """Fresh executions of a plan: success and status by number."""
-        command = "SELECT number, success, status FROM judgements WHERE plan = ?"
-        found = self._connection.execute(command, (plan,)).fetchall()
+        found = self._read("SELECT number, success, status FROM judgements WHERE plan = ? ORDER BY number", plan)
         return {number: (bool(success), status) for number, success, status in found}
+
+    def _read(self, command: str, *values: Any) -> list[Any]:
+        try:
+            return self._connection.execute(command, values).fetchall()
+        except sqlite3.DatabaseError as error:
+            raise RunFolderError(f"{self._place}: damaged: {error}") from None
+
+
+def _hold(connection: sqlite3.Connection) -> None:
+    """Take the lock of the file and keep it until the connection is closed; what a kill left half-written is undone."""
+    connection.execute("PRAGMA locking_mode = EXCLUSIVE")
+    connection.execute("BEGIN EXCLUSIVE")
+    connection.execute("COMMIT")  # the lock stays
+
+
+def _require_sound(connection: sqlite3.Connection) -> None:
+    """Raises sqlite3.DatabaseError where the file is no journal, or parts of it are damaged."""
+    for table in ("origin", "plans", "executions", "judgements"):
+        connection.execute(f"SELECT * FROM {table} LIMIT 1").fetchall()
+    found = connection.execute("PRAGMA integrity_check(1)").fetchone()[0]
+    if found != "ok":
+        raise sqlite3.DatabaseError(found)
 
 
 def _values(execution: Execution, speed: float) -> tuple[Any, ...]:

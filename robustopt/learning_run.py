@@ -1,6 +1,7 @@
 """Run folders of learners: begun before anything is computed, continued after any interruption, completed at the end.
 
-A folder with a journal and no summary is unfinished. The summary is written last, in one step.
+A folder with a journal and no summary is unfinished. The summary is written last, in one step; all other files are
+written anew by every attempt to complete the run.
 """
 
 from __future__ import annotations
@@ -8,9 +9,9 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
-import os
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,42 +22,61 @@ from robustopt.config import Config, dump, load_config, resolved
 from robustopt.errors import RunFolderError
 from robustopt.execution.outcome import Status
 from robustopt.execution_run import EXECUTIONS
-from robustopt.experiment import PlanResult, write_plan
-from robustopt.journal import JOURNAL, Journal, is_unfinished
-from robustopt.learning_summary import learning_summary, row_record
+from robustopt.experiment import FIGURES, PlanResult, write_plan
+from robustopt.journal import Journal
+from robustopt.learning_summary import DIVERGED, LEARNED, learning_summary, row_record
+from robustopt.manual import NEXT
 from robustopt.robot_model import model_file
-from robustopt.store import CONFIG, PROVENANCE, SUMMARY, json_text, new_run, write_origin
+from robustopt.store import (
+    CONFIG,
+    JOURNAL,
+    PROVENANCE,
+    SUMMARY,
+    flush,
+    flush_folder,
+    is_unfinished,
+    new_run,
+    write_json,
+    write_origin,
+)
 
 ITERATIONS = "iterations.csv"
-
-NO_PLAN_EXIT, DIVERGED_EXIT = 3, 5
-
 
 # Begin and continue ---------------------------------------------------------------------------------------
 
 
-def begin(config: Config, out: Path | None, arguments: Sequence[str]) -> Path:
-    """Make the folder of a new run, with its configuration, provenance and an empty journal; where it is."""
+def begin(config: Config, out: Path | None, arguments: Sequence[str], executor: str) -> Path:
+    """Make the folder of a new run, with its configuration, provenance and an empty journal; where it is.
+
+    executor: who makes the executions, as in the journal
+    """
     if out is not None and is_unfinished(out):
         raise RunFolderError(f"{out}: holds an unfinished run; continue it with --resume, or choose another folder")
     with new_run(config.name, out) as run:
         write_origin(run.folder, config, model_file(config), arguments)
-        Journal.create(run.folder)
+        Journal.create(run.folder, executor)
     return run.place
 
 
-def discard_if_empty(folder: Path) -> None:
-    """Remove a run that is unfinished and has nothing in its journal; another one stays as it is."""
+def discard_if_empty(folder: Path, parents: int = 0) -> None:
+    """Remove a run that is unfinished and has nothing in its journal; another one stays as it is.
+
+    parents: so many folders above it are removed as well, where they are empty
+    """
     if not is_unfinished(folder):
         return
     try:
         journal = Journal.open(folder)
+        empty = next(journal.entries(), None) is None
+        journal.close()
     except RunFolderError:
         return
-    empty = next(journal.entries(), None) is None
-    journal.close()
-    if empty:
-        shutil.rmtree(folder)
+    if not empty:
+        return
+    shutil.rmtree(folder)
+    with suppress(OSError):  # not empty
+        for parent in list(folder.parents)[:parents]:
+            parent.rmdir()
 
 
 def resumed(folder: Path, config: Config | None) -> Config:
@@ -66,14 +86,15 @@ def resumed(folder: Path, config: Config | None) -> Config:
     """
     if not (folder / JOURNAL).is_file():
         raise RunFolderError(f"{folder}: nothing to resume; expected the folder of a run of `robustopt learn`")
-    stored = load_config(folder / CONFIG)
     try:
         origin = json.loads((folder / PROVENANCE).read_text(encoding="utf-8"))
         text, robot = origin["config_sha256"], origin["robot_model"]["sha256"]
+        edited = hashlib.sha256((folder / CONFIG).read_bytes()).hexdigest() != text
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise RunFolderError(f"{folder / PROVENANCE}: cannot be read: {error}") from None
-    if hashlib.sha256((folder / CONFIG).read_bytes()).hexdigest() != text:
+        raise RunFolderError(f"{folder}: {PROVENANCE} or {CONFIG} cannot be read: {error}") from None
+    if edited:
         raise RunFolderError(f"{folder / CONFIG}: was edited after the run began; expected the file as it was written")
+    stored = load_config(folder / CONFIG)
     if hashlib.sha256(model_file(stored).read_bytes()).hexdigest() != robot:
         raise RunFolderError(f"{folder}: the model file of {stored.robot.model} has changed since the run began")
     if config is not None and dump(config) != dump(stored):
@@ -84,10 +105,19 @@ def resumed(folder: Path, config: Config | None) -> Config:
     return stored
 
 
-def latest_unfinished(name: str, root: Path = Path("results")) -> Path | None:
-    """The latest unfinished run of a task below `root`."""
-    folders = [place for place in (root / name).glob("*") if is_unfinished(place)]
-    return max(folders, key=lambda place: (place / JOURNAL).stat().st_mtime_ns, default=None)
+def latest_unfinished(config: Config, root: Path = Path("results")) -> Path | None:
+    """The latest unfinished run of a task below `root`; one of the same configuration goes before any other."""
+    folders = [place for place in (root / config.name).glob("*") if is_unfinished(place)]
+    text = dump(config)
+    same = [place for place in folders if _text(place / CONFIG) == text]
+    return max(same or folders, key=lambda place: (place / JOURNAL).stat().st_mtime_ns, default=None)
+
+
+def _text(path: Path) -> str | None:
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, ValueError):
+        return None
 
 
 def differences(stored: Any, given: Any, key: str = "") -> list[str]:
@@ -119,12 +149,10 @@ class LearningResult:
     journal: Journal
 
     @property
-    def exit_code(self) -> int:
-        """0 with a plan that succeeded, 5 where every simulation diverged, 3 where no plan succeeded."""
-        if self.planned is not None:
-            return 0
+    def diverged(self) -> bool:
+        """Whether no simulation came to an end."""
         statuses = {item.status for entry in self.journal.entries() for _, item in entry.executions}
-        return DIVERGED_EXIT if statuses == {Status.DIVERGED.value} else NO_PLAN_EXIT
+        return statuses == {Status.DIVERGED.value}
 
 
 def result_of(learned: Learned, journal: Journal) -> LearningResult:
@@ -134,22 +162,41 @@ def result_of(learned: Learned, journal: Journal) -> LearningResult:
     return LearningResult(learned, planned, journal)
 
 
+@contextmanager
+def writing(folder: Path) -> Iterator[None]:
+    """Says where files cannot be written; the journal has all that was learned, so that the run can be continued."""
+    try:
+        yield
+    except OSError as error:
+        message = (
+            f"{folder}: the run could not be completed: {error.strerror or error}; it can be continued by --resume"
+        )
+        raise RunFolderError(message) from error
+
+
 def write_learning_files(result: LearningResult, folder: Path) -> dict[str, Any]:
-    """Write all files but the summary, which `complete` writes; the summary's data."""
+    """Write all files but figures and summary; the summary's data. What an earlier attempt left of them goes first."""
+    shutil.rmtree(folder / FIGURES, ignore_errors=True)
+    (folder / NEXT).unlink(missing_ok=True)
     if result.planned is not None:
         write_plan(result.planned, folder)
     _write_iterations(result.learned, folder / ITERATIONS)
     _write_executions(result.journal, folder / EXECUTIONS)
-    return learning_summary(result.learned, result.planned, result.exit_code == DIVERGED_EXIT)
+    return learning_summary(result.learned, result.planned, result.diverged)
 
 
 def complete(folder: Path, data: Mapping[str, Any]) -> None:
-    """Write the summary in one step: from here on the run is complete."""
+    """Write the summary in one step, once all else is on the disk: from here on the run is complete."""
     temporary = folder / f".{SUMMARY}.partial"
-    temporary.write_text(json_text(data) + "\n", encoding="utf-8")
-    with temporary.open("rb+") as file:
-        os.fsync(file.fileno())
+    write_json(temporary, data)
+    flush(folder)
     temporary.replace(folder / SUMMARY)
+    flush_folder(folder)
+
+
+def exit_code_of(status: str) -> int:
+    """Exit code of a complete run: 0 with a plan that succeeded, 5 where every simulation diverged, else 3."""
+    return {LEARNED: 0, DIVERGED: 5}.get(status, 3)
 
 
 def _write_iterations(learned: Learned, path: Path) -> None:

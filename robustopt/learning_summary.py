@@ -14,6 +14,9 @@ from robustopt.learning.earned import earned
 from robustopt.learning.learner import End, Result, Row
 from robustopt.store import plain_data
 
+LEARNED, DIVERGED = "learned", "simulation failed"
+"""Statuses of a run with a plan that succeeded, and of one whose every simulation diverged."""
+
 
 def learning_summary(learned: Learned, planned: PlanResult | None, diverged: bool) -> dict[str, Any]:
     """What a run says about what was learned, as plain data.
@@ -25,7 +28,7 @@ def learning_summary(learned: Learned, planned: PlanResult | None, diverged: boo
     known = summary(planned) if planned is not None else {"name": learned.config.name, "duration": None}
     data = known | {
         "kind": "learning",
-        "status": "learned" if best is not None else "simulation failed" if diverged else _ended(end),
+        "status": LEARNED if best is not None else DIVERGED if diverged else _ended(end),
         "message": sentence(learned),
         "learning": {
             "algorithm": learned.learner.name,
@@ -51,17 +54,21 @@ def sentence(learned: Learned) -> str:
     """What was learned, in a few sentences."""
     best, end = learned.best, learned.state.end
     assert end is not None
-    spent = f"{learned.state.executed:,} executions of {_executed_plans(learned):,} plans"
+    spent = f"{_count(learned.state.executed, 'execution')} of {_count(_executed_plans(learned), 'plan')}"
     if best is None:
         return f"{end.sentence} {spent}."
     trial = best.trial
-    times = f"{trial.successes} times in {trial.successes + trial.failures}{_fresh(learned, best)}"
+    times = f"{trial.successes} of {trial.successes + trial.failures} times{_fresh(learned, best)}"
     text = f"{_capital(described(trial.belief))}: a plan of {trial.duration:.4f} s that succeeded {times}."
     returned = learned.returned
     if returned is not None and returned is not best:
         answer = f"{described(returned.trial.belief)}: {returned.trial.duration:.4f} s, not executed as such"
         text += f" The algorithm returns {answer}{_fresh(learned, returned)}."
-    return f"{text} {end.sentence} {_capital(spent)}."
+    return f"{text} {end.sentence} {spent}."
+
+
+def _count(number: int, name: str) -> str:
+    return f"{number:,} {name}{'' if number == 1 else 's'}"
 
 
 def _capital(text: str) -> str:
@@ -75,7 +82,7 @@ def _fresh(learned: Learned, row: Row) -> str:
     confidence = learned.settings.confidence
     low, high = (f"{100 * end:.1f}" for end in judgement.interval(confidence))
     return (
-        f", and {judgement.successes:,} in {judgement.trials:,} fresh executions "
+        f", and in {judgement.successes:,} of {judgement.trials:,} fresh executions "
         f"({low} to {high} % at {100 * confidence:g} % confidence)"
     )
 
@@ -85,7 +92,7 @@ def _executed_plans(learned: Learned) -> int:
 
 
 def target_rate(settings: LearningConfig) -> float:
-    """The success rate that a learner aims at: Phi(K) for ilrobs, else the configured one."""
+    """The success rate in question: what ilrobs aims at, Phi(K), else the configured one."""
     return phi(settings.K, Reading(settings.reading)) if settings.algorithm == "ilrobs" else settings.success_rate
 
 
@@ -106,9 +113,11 @@ def confidence_sentence(learned: Learned) -> str:
 def row_record(learned: Learned, row: Row) -> dict[str, Any]:
     """The record of a row, with what fresh executions say and how likely its failure was bad luck."""
     record: dict[str, Any] = dict(row.record())
-    if row.trial.failures:
+    if row.trial.failures and row.lower_bound is None:
         rate = target_rate(learned.settings)
         record["bad_luck"] = bad_luck(row.trial.successes, row.trial.failures, rate, learned.settings.prior)
+    if row.lower_bound is not None and row.gap is not None:
+        record["incumbent"] = row.lower_bound * (1 + row.gap)
     judgement = learned.judgement(row)
     if judgement is not None:
         record |= _judged(judgement, learned.settings.confidence)

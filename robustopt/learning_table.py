@@ -63,35 +63,48 @@ def _fresh(record: Record) -> str:
     return f"{100 * record['success_rate']:.0f} % ({low:.0f}-{high:.0f})"
 
 
-def _parameters(record: Record) -> str:
-    return ", ".join(f"{key.split('.', 1)[-1]} {value:.4g}" for key, value in (record.get("parameters") or {}).items())
+def _parameters(records: Sequence[Record]) -> list[Shown]:
+    """A column for each learned parameter: the entries with a dot in their name, the key of the configuration."""
+    keys = list(dict.fromkeys(key for record in records for key in record if "." in key))
+    return [Shown(_short(key, keys), number(key, ".4g")) for key in keys]
+
+
+def _short(key: str, keys: Sequence[str]) -> str:
+    """The last parts of a key, as many as tell it from the others and say more than a number."""
+    parts = key.split(".")
+    for count in range(1, len(parts)):
+        short = ".".join(parts[-count:])
+        if not parts[-count].isdigit() and sum(other.endswith(f".{short}") for other in keys) == 1:
+            return short
+    return key
 
 
 COLUMNS = (
     Shown("Iter", number("iteration", "d")),
     Shown("mu", number("friction", ".4g")),
-    Shown("parameters", _parameters),
     Shown("+-err", _errors),
     Shown("Time", number("duration", ".3f")),
     Shown("Rslt", _result),
     Shown("Spdup", _sped_up),
     Shown("upp", number("friction_high", ".4g")),
     Shown("low", number("friction_low", ".4g")),
-    Shown("best", number("incumbent", ".4f")),
-    Shown("bound", number("lower_bound", ".4f")),
+    Shown("best", number("incumbent", ".3f")),
+    Shown("bound", number("lower_bound", ".3f")),
     Shown("S/n", _executions),
     Shown("luck", number("bad_luck", ".2f")),
     Shown("fresh", _fresh),
 )
 LEGEND = (
-    "Iter to low: the columns of the paper's Table 1 (Rslt S success, F failure; upp and low bound mu). +-err: widest "
-    "interval of the acceleration error that was planned for [rad/s^2]; S/n: successes of executions; luck: "
-    "probability that a plan which failed meets the success rate all the same; fresh: successes of fresh executions."
+    "Rslt: S success, F failure, ? undecided, - hardly faster than the best and so not executed; Spdup: the same path "
+    "faster; upp, low: interval of mu after it; +-err: widest interval of the acceleration error that was planned for "
+    "[rad/s^2]; S/n: successes of executions; luck: probability that a plan which failed meets the success rate in "
+    "question all the same; fresh: successes of fresh executions."
 )
 
 
 def table(records: Sequence[Record]) -> tuple[list[str], list[list[str]]]:
     """Heads and lines; columns that are empty in every line are left out."""
-    lines = [[column.text(record) for column in COLUMNS] for record in records]
-    used = [i for i in range(len(COLUMNS)) if any(line[i] for line in lines)]
-    return [COLUMNS[i].head for i in used], [[line[i] for i in used] for line in lines]
+    columns = (*COLUMNS[:2], *_parameters(records), *COLUMNS[2:])
+    lines = [[column.text(record) for column in columns] for record in records]
+    used = [i for i in range(len(columns)) if any(line[i] for line in lines)]
+    return [columns[i].head for i in used], [[line[i] for i in used] for line in lines]

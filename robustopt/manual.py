@@ -59,7 +59,9 @@ class Manual:
         while text := self._ask("Acceleration log, a CSV file (Enter for none): ").strip():
             try:
                 return errors_of_log(Path(text).expanduser(), trajectory, joints)
-            except (OSError, ValueError) as error:
+            except OSError as error:
+                self._say(f"{text}: cannot be read: {error.strerror or error}")
+            except (ValueError, csv.Error) as error:
                 self._say(f"{text}: {error}")
         return Moments()
 

@@ -84,7 +84,8 @@ class Loads(NamedTuple):
 class Family(NamedTuple):
     """Rows over loads: see the head of the module.
 
-    B: (1, F, d), or (P, F, d) where the rows differ from point to point; loads: what they multiply
+    B: (1, F, d), or (P, F, d) where the rows differ from point to point, d = 6 per stacked wrench; loads: what they
+        multiply
     base: affine part of a row by itself, (P, F, 3), or (0, 0, 3) for none
     base_terms: what each constant interval term of the loads adds to a row by itself, (P, F, n_c), or (0, 0, 0)
     names: index of each row's name, (F,)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -83,7 +84,7 @@ class TimeScalingProblem:
     reference: Array = field(repr=False)
     kept: frozenset[str] | None = None
 
-    @property
+    @cached_property
     def ds(self) -> Array:
         """Interval lengths, (P - 1,); 0 at stops."""
         return np.diff(self.s)
@@ -142,16 +143,16 @@ def build_problem(config: Config) -> TimeScalingProblem:
     Raises ConfigError, RobotError or PathError where the configuration cannot be used. A problem that has no solution
     is no error here: `solve` says so.
     """
-    return build_rows(config, *robot_and_path(config))
+    return rows_along(track_of(config), config)
 
 
-def robot_and_path(config: Config) -> tuple[Robot | Walker, Path]:
-    """What of a configuration does not depend on beliefs; errors as of `build_problem`."""
+def track_of(config: Config) -> Track:
+    """The track of a configuration. Raises ConfigError, RobotError or PathError where that cannot be used."""
     if config.walks:
         walker = load_walker(config)
-        return walker, build_walking_path(config, walker)
+        return build_track(config, walker, build_walking_path(config, walker))
     robot = load_robot(config)
-    return robot, build_path(config, robot)
+    return build_track(config, robot, build_path(config, robot))
 
 
 def build_rows(config: Config, robot: Robot | Walker, path: Path) -> TimeScalingProblem:

@@ -24,6 +24,9 @@ MOST_LIMITS = 8
 
 PAGE = "report.html"
 
+LONGEST_HEAD = 13
+"""Width of a column in the terminal; a longer head is folded."""
+
 FIGURES = (
     "learning.svg", "trials.svg", "foot_contacts.svg", "phase_plane.svg", "feet.svg", "footprints.svg", "contacts.svg",
     "joints*.svg", "accelerations.svg",
@@ -35,7 +38,8 @@ _COLOURS = {"solved": "green", "learned": "green", "infeasible": "yellow"}
 _STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; color: #222; }
 table { border-collapse: collapse; } td { padding: 0.1rem 1.5rem 0.1rem 0; vertical-align: top; }
-td.share { min-width: 16rem; } td.share div { background: #2a6f97; height: 0.8rem; margin-top: 0.35rem; }
+td:first-child { white-space: nowrap; } td.share { min-width: 16rem; }
+td.share div { background: #2a6f97; height: 0.8rem; margin-top: 0.35rem; }
 table.iterations td, th { padding: 0.1rem 0.8rem 0.1rem 0; text-align: right; white-space: nowrap; }
 img { max-width: 100%; } h2 { font-size: 1.1rem; margin: 1.5rem 0 0.3rem; }
 """
@@ -53,6 +57,8 @@ def headline(data: Mapping[str, Any]) -> str:
     """How a run ended, in one line."""
     if data.get("duration") is None:
         return f"{data['name']}: {data['status']}"
+    if data.get("kind") == "learning":
+        return f"{data['name']}: {data['status']} a plan of {data['duration']:.4f} s"
     motion = f"{data['duration']:.4f} s by {data['method']}"
     stopped = data.get("kind") == "execution" and data["status"] != "solved"
     return f"{data['name']}: {data['status']}{'; plan of' if stopped else ' in'} {motion}"
@@ -84,7 +90,7 @@ def _learning(learning: Mapping[str, Any]) -> list[Row]:
     lines = rows({name: learning[name] for name in names})
     return [
         *lines,
-        *rows({"success rate aimed at": learning["target_rate"], "confidence": learning["confidence"] or None}),
+        *rows({"success rate in question": learning["target_rate"], "confidence": learning["confidence"] or None}),
     ]
 
 
@@ -161,6 +167,7 @@ def print_summary(data: Mapping[str, Any], console: Console, place: Path) -> Non
     console.print(Text(str(data["message"])))
     if data.get("learning"):
         console.print(iterations_table(data["learning"]["rows"]))
+        console.print(Text(LEGEND, style="dim"))
     for title, lines in sections(data):
         print_rows(title, lines, console)
     console.print(Text.assemble("Files in ", (str(place), "bold")), soft_wrap=True)
@@ -181,8 +188,12 @@ def iterations_table(records: Sequence[Mapping[str, Any]]) -> Table:
     heads, lines = table(records)
     shown = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     for head in heads:
-        left = head in ("parameters", "Rslt", "Spdup")
-        shown.add_column(head, justify="left" if left else "right", no_wrap=head != "parameters")
+        long = len(head) > LONGEST_HEAD
+        justify: Any = "left" if head in ("Rslt", "Spdup") else "right"
+        shown.add_column(
+            head, justify=justify, no_wrap=not long, overflow="fold", max_width=LONGEST_HEAD if long else None
+        )
+
     for line in lines:
         shown.add_row(*map(Text, line))
     return shown

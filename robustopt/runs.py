@@ -6,16 +6,20 @@ import json
 from pathlib import Path
 from typing import Any
 
-from robustopt.errors import RunFolderError
-from robustopt.journal import Journal, is_unfinished
-from robustopt.store import PROVENANCE, SUMMARY, is_run
+from robustopt.errors import RunFolderError, RunInUse
+from robustopt.journal import Journal
+from robustopt.store import PROVENANCE, SUMMARY, is_run, is_unfinished
 
 
 def runs(root: Path) -> list[dict[str, Any]]:
     """Every run below a folder, the latest first: where it is, what it is, and whether it is complete."""
-    found = [path.parent for path in root.rglob(PROVENANCE) if not any(part.startswith(".") for part in path.parts)]
+    found = [path.parent for path in root.rglob(PROVENANCE) if not _hidden(path.relative_to(root))]
     records = [_record(folder) for folder in found]
     return sorted(records, key=lambda record: record["created"], reverse=True)
+
+
+def _hidden(path: Path) -> bool:
+    return any(part.startswith(".") for part in path.parts)
 
 
 def _record(folder: Path) -> dict[str, Any]:
@@ -33,8 +37,10 @@ def _state(folder: Path) -> str:
     """Whether an unfinished run is under way in some process, or can be resumed."""
     try:
         Journal.open(folder).close()
-    except RunFolderError as error:
-        return "running" if "another process" in str(error) else "damaged"
+    except RunInUse:
+        return "running"
+    except RunFolderError:
+        return "damaged"
     return "resumable"
 
 

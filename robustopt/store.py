@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import hashlib
 import json
 import os
@@ -22,7 +23,7 @@ from robustopt import __version__
 from robustopt.config import Config, dump
 from robustopt.errors import RunFolderError
 
-PROVENANCE, CONFIG, SUMMARY = "provenance.json", "config.yaml", "summary.json"
+PROVENANCE, CONFIG, SUMMARY, JOURNAL = "provenance.json", "config.yaml", "summary.json", "journal.db"
 
 PACKAGES = ("numpy", "scipy", "mujoco", "casadi", "highspy", "numba", "pydantic", "PyYAML")
 """Packages whose versions a run records: those that can change its numbers."""
@@ -42,7 +43,7 @@ def new_run(name: str, out: Path | None = None, root: Path = Path("results")) ->
 
     Without `out` the run is root/name/<UTC time>, with a number behind it where that is taken. An `out` that exists
     must be an empty folder. The hidden folder is made first, beside the final place, so that a place that cannot be
-    written to is found before anything is computed.
+    written to is found before anything is computed. Hidden folders beside it whose process was killed are removed.
 
     Raises RunFolderError where the folder cannot be written.
     """
@@ -52,7 +53,8 @@ def new_run(name: str, out: Path | None = None, root: Path = Path("results")) ->
     made: list[Path] = []
     try:
         made += _make_parents(final.parent)
-        hidden = final.parent / f".{final.name}.partial-{os.getpid()}"
+        _remove_abandoned(final.parent)
+        hidden = final.parent / f".{final.name}{_mark()}{os.getpid()}"
         hidden.mkdir()
         made.append(hidden)
     except OSError as error:
@@ -61,7 +63,7 @@ def new_run(name: str, out: Path | None = None, root: Path = Path("results")) ->
     try:
         run = NewRun(hidden, final)
         yield run
-        _flush(hidden)
+        flush(hidden)
         run.place = _publish(hidden, final, numbered=out is None)
     except OSError as error:
         _remove(made)
@@ -76,10 +78,17 @@ def is_run(folder: Path) -> bool:
     return all((folder / name).is_file() for name in (PROVENANCE, CONFIG, SUMMARY))
 
 
+def is_unfinished(folder: Path) -> bool:
+    """Whether a folder holds a run of a learner that is not complete."""
+    return (folder / JOURNAL).is_file() and not (folder / SUMMARY).is_file()
+
+
 def read_summary(folder: Path) -> dict[str, Any]:
     """Summary of a stored run; RunFolderError where there is none."""
     if not folder.is_dir():
         raise RunFolderError(f"{folder}: no such run folder; expected a folder that `robustopt plan` wrote")
+    if is_unfinished(folder):
+        raise RunFolderError(f"{folder}: unfinished; expected a complete run: robustopt learn --resume --out {folder}")
     if not is_run(folder):
         raise RunFolderError(f"{folder}: not a run folder of robustopt; expected {SUMMARY}, {CONFIG} and {PROVENANCE}")
     try:
@@ -198,10 +207,35 @@ def _make_parents(folder: Path) -> list[Path]:
     return made
 
 
+def _mark() -> str:
+    """What stands between the name of a hidden folder and the process that writes it; processes belong to a machine."""
+    return f".partial-{platform.node()}-"
+
+
+def _remove_abandoned(folder: Path) -> None:
+    """Remove hidden folders that processes of this machine were writing into a folder when they were killed."""
+    for hidden in folder.glob(f".*{glob.escape(_mark())}*"):
+        process = hidden.name.rpartition("-")[2]
+        if process.isdigit() and not _is_alive(int(process)):
+            shutil.rmtree(hidden, ignore_errors=True)
+
+
+def _is_alive(process: int) -> bool:
+    if sys.platform == "win32":  # where signal 0 is not a question
+        return True
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True
+
+
 def _remove(made: Sequence[Path]) -> None:
     """Take back what was made: the hidden folder with all in it, and folders above it that are empty."""
     for folder in reversed(made):
-        if ".partial-" in folder.name:
+        if _mark() in folder.name:
             shutil.rmtree(folder, ignore_errors=True)
         else:
             try:
@@ -210,16 +244,20 @@ def _remove(made: Sequence[Path]) -> None:
                 return
 
 
-def _flush(folder: Path) -> None:
-    """Have the system write all files of a folder to the disk, which a full disk refuses."""
+def flush(folder: Path) -> None:
+    """Have the system write all files of a folder to the disk, which a full disk refuses.
+
+    A journal is left out: SQLite does this itself, and would lose its lock on a file that its process closes.
+    """
     for place in sorted(folder.rglob("*")):
-        if place.is_file():
+        if place.is_file() and not place.name.startswith(JOURNAL):
             with place.open("rb+") as file:
                 os.fsync(file.fileno())
-    _flush_folder(folder)
+    flush_folder(folder)
 
 
-def _flush_folder(folder: Path) -> None:
+def flush_folder(folder: Path) -> None:
+    """Have the system write the names of the files in a folder to the disk."""
     if sys.platform == "win32":
         return
     handle = os.open(folder, os.O_RDONLY)
@@ -245,7 +283,7 @@ def _publish(hidden: Path, final: Path, numbered: bool) -> Path:
             number += 1
             place = final.with_name(f"{final.name}-{number}")
             continue
-        _flush_folder(place.parent)
+        flush_folder(place.parent)
         return place
 
 

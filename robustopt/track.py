@@ -148,8 +148,17 @@ def gridpoints(path: Path, intervals: int) -> tuple[Array, Array]:
 
 
 def _apportion(lengths: Array, total: int) -> list[int]:
-    """Split `total` intervals in proportion to the lengths, at least two each, by largest remainders."""
-    shares = np.maximum(lengths / lengths.sum() * total, 2.0)
+    """Split `total` intervals in proportion to the lengths, at least two each, by largest remainders.
+
+    Short pieces get two, the others share the rest; only where `total` is below two each is it exceeded.
+    """
+    short = np.zeros(len(lengths), dtype=bool)
+    while True:
+        left = total - 2 * short.sum()
+        shares = np.where(short, 2.0, lengths / max(lengths[~short].sum(), 1e-300) * left)
+        if not (shares < 2.0).any():
+            break
+        short |= shares < 2.0
     counts = np.floor(shares).astype(int)
     for k in np.argsort(counts - shares, kind="stable")[: max(total - counts.sum(), 0)]:
         counts[k] += 1

@@ -91,7 +91,8 @@ def acceleration_error(config: Config, joints: int) -> tuple[Array, Array]:
     """
     error, base = config.uncertainty.joint_acceleration, BASE_COORDINATES if config.walks else 0
     middle, radius = np.zeros(joints), np.zeros(joints)
-    radius[:base] = config.uncertainty.base_acceleration
+    if config.walks:
+        radius[:base] = config.uncertainty.base_acceleration
     if error is not None:
         middle[base:] = _per_joint("mean", error.mean, joints - base)
         radius[base:] = error.K * _per_joint("deviation", error.deviation, joints - base)

@@ -67,6 +67,10 @@ class BodyMotion:
     to_force: Array
 
 
+TOUCH = 1e-4
+"""Overlap that counts as touching [m]: rounding, well below any collision of interest."""
+
+
 class Walker:
     """A floating base with joints and two feet.
 
@@ -143,7 +147,7 @@ class Walker:
     def dynamics(self, q: Array, q1: Array, q2: Array) -> WalkerDynamics:
         """Dynamics along a path: `q`, `q1` = q'(s), `q2` = q''(s), shape (P, n) each."""
         P, n = q.shape
-        model, data = self._model, self._data
+        model, data = self._model, mujoco.MjData(self._model)
         mass_matrix, force_0, moving = np.empty((P, n, n)), np.empty((P, n)), np.empty((P, n))
         jacobians = {name: np.empty((P, 6, n)) for name in self.feet}
         bodies = {name: int(model.site_bodyid[site]) for name, site in self._sites.items()}
@@ -208,6 +212,23 @@ class Walker:
                 places[name][t] = self._data.site_xpos[site] + self.feet[name].points @ rotation.T
         return places
 
+    def first_collision(self, q: Array) -> tuple[int, tuple[str, str], float] | None:
+        """First of the postures q (T, n) in which two bodies overlap: its index, the bodies, and the overlap [m]."""
+        model = copy(self._model)
+        disable = mujoco.mjtDisableBit
+        model.opt.disableflags &= ~(int(disable.mjDSBL_CONTACT) | int(disable.mjDSBL_CONSTRAINT))
+        data = mujoco.MjData(model)
+        for t, qt in enumerate(q):
+            data.qpos[:] = qt
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            mujoco.mj_collision(model, data)
+            if data.ncon and data.contact.dist.min() < -TOUCH:
+                deepest = int(np.argmin(data.contact.dist))
+                first, second = (model.body(model.geom_bodyid[g]).name for g in data.contact.geom[deepest])
+                return t, (first, second), -float(data.contact.dist[deepest])
+        return None
+
     def inertia_of(self, name: str) -> tuple[float, Array, Array]:
         """Mass [kg] of a body, its centre of mass in the body's frame (3,) [m], and the inertia about it (3, 3)."""
         model = self._model
@@ -221,7 +242,7 @@ class Walker:
     def body_motion(self, name: str, q: Array, q1: Array, q2: Array) -> BodyMotion:
         """Motion of the frame of a body along a path, for what its mass and centre of mass add to the dynamics."""
         P, n = q.shape
-        model, data, body = self._model, self._data, self._model.body(name).id
+        model, data, body = self._model, mujoco.MjData(self._model), self._model.body(name).id
         J, at_origin, rate, rotation = np.empty((P, 6, n)), np.empty((P, 6, n)), np.empty((6, n)), np.empty((P, 3, 3))
         bias = np.empty((P, 6))
         for i in range(P):

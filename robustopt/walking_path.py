@@ -77,6 +77,8 @@ def build_walking_path(config: Config, walker: Walker) -> WalkingPath:
         q[i] = guess
     path = WalkingPath(steps, s, q)
     _require_limits(path, walker, s)
+    if config.robot.collision.check:
+        _require_no_collision(path, walker, s)
     return path
 
 
@@ -112,6 +114,18 @@ def _unreachable(steps: Footsteps, s: float) -> str:
         f"the legs do not reach both feet at s = {s:.3f}; expected a shorter or narrower step, or a lower "
         "path.pelvis_height"
     )
+
+
+def _require_no_collision(path: WalkingPath, walker: Walker, s: Array) -> None:
+    """Raise PathError where bodies that can touch each other do, such as the legs."""
+    found = walker.first_collision(path(s))
+    if found is not None:
+        index, (first, second), depth = found
+        raise PathError(
+            f"{path.label(float(s[index]))}: {first} and {second} collide, {1000 * depth:.1f} mm deep; expected feet "
+            "further apart, or robot.collision.check: false",
+            key=_key(path.footsteps, float(s[index])),
+        )
 
 
 def _require_limits(path: WalkingPath, walker: Walker, s: Array) -> None:

@@ -82,11 +82,20 @@ class World:
         return Moments.of_means(1000, self.mean, squares)
 
 
+def cost(values: np.ndarray) -> np.ndarray:
+    """f* of frictions (m, k) -> (m,) [s], where friction alone binds; inf at no friction."""
+    with np.errstate(divide="ignore"):
+        return np.asarray(World.shortest * np.sqrt(World.knee / np.mean(values, axis=1)))
+
+
 CONFIGURED = 0.3
 """Friction of a belief that leaves it as configured."""
 
 
 def friction(belief: Belief) -> float:
+    """Of several parameters, their mean: they make up for each other."""
+    if belief.parameters:
+        return float(np.mean([value for _, value in belief.parameters]))
     return CONFIGURED if belief.friction is None else belief.friction
 
 

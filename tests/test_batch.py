@@ -36,7 +36,7 @@ SETTINGS: dict[str, list[dict[str, Any]]] = {
         {"uncertainty.friction.bottle.0": 0.2},
         {"uncertainty.mass.bottle.1": 1.0, "objects.lid.center_of_mass": [0.01, 0.0, 0.0]},
     ],
-    "waiter_one_block": [{"contact.friction": mu, DEVIATION: d} for mu in (0.2, 0.5) for d in (0.0, 0.5)],
+    "waiter_one_block": [{"uncertainty.friction.0": mu, DEVIATION: d} for mu in (0.2, 0.5) for d in (0.0, 0.5)],
     "waiter_heavy": [{}, {"contact.friction": 0.3}],
     "waiter_bridge": [{}, {"contact.friction": 0.4}],
 }

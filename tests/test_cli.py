@@ -169,7 +169,10 @@ BAD_CONFIGS = {
     ),
     "circular support": (["objects.lower.on=upper"], "lower stands on upper, which stands on lower; expected a chain"),
     "object off the tray": (["objects.lower.at=[0.4, 0]"], "objects.lower.at: its base, with its centre at [0.4, 0]"),
-    "unknown robot": (["robot.model=r2d2"], "robot.model: unknown robot 'r2d2'; give a shipped robot (tx90l"),
+    "unknown robot": (
+        ["robot.model=r2d2"],
+        "robot.model: unknown robot 'r2d2'; give a shipped robot (humanoid, tx90l)",
+    ),
     "missing model file": (["robot.model=arm.xml"], "robot.model: there is no file"),
     "unknown tool": (["robot.tool=hand"], "robot.tool: "),
     "one waypoint": (["path={tray_poses: [{position: [0.75, 0, 0.75]}]}"], "found 1 waypoint; expected at least two"),

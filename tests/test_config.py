@@ -139,6 +139,7 @@ def test_overrides_replace_values_entries_and_sections(task):
         ("contact.friction=abc", "contact.friction: found the text 'abc'; expected a plain number from 1e-06 to 100"),
         ("contact.frction=0.3", "contact.frction: unknown key; did you mean friction?"),
         ("contact..friction=0.3", "found an empty part of a key"),
+        ("gravity=[0, 0, -1e300]", "gravity[2]: found -1e+300; expected a number from -1000000"),
         ("path.tray_poses.7.yaw=0", "path.tray_poses[7]: found position 7; expected 0 to 1"),
         ("path.tray_poses.first.yaw=0", "expected a position, because path.tray_poses is a list"),
         ("contact.friction.upper=0.3", "contact.friction is 0.5, which has no parts; replace it as a whole"),

@@ -166,6 +166,7 @@ class TestPlanningBenchmark:
             *(("cold start", solver) for solver in stage - {"reachability, all"}),
             *(("whole plan", step) for step in ("robot", "path", "reachability, rows and solve")),
             ("growth", "reachability, rows and solve"),
+            ("batch", "reachability, rows and solve"),
             ("paper's split", "ipopt, inner programs"),
             ("discretisation", "reachability"),
         }

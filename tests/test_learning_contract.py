@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from synthetic_worlds import World, answer, half_width, run, run_batched, states
+from synthetic_worlds import World, answer, cost, half_width, run, run_batched, states
 
 from robustopt.confidence import Reading
 from robustopt.config_model import LearningConfig
@@ -16,10 +16,15 @@ from robustopt.errors import ConfigError, RobustOptError
 from robustopt.learning import LEARNERS, learner_of
 from robustopt.learning.acceleration_interval import AccelerationInterval
 from robustopt.learning.bisection import Bisection
+from robustopt.learning.branch_and_bound import Diagonal, Midpoint
 from robustopt.learning.calibrated import Calibrated
 from robustopt.learning.ilrobs import Ilrobs
+from robustopt.learning.informed import Informed
 from robustopt.learning.learner import Belief, Executed, Planned, Result, Row, State, Trial, tell_all
 from robustopt.learning.moments import ErrorInterval, Moments, endpoint_change, shrunk
+from robustopt.learning.parameters import Parameter
+
+UPPER, LOWER = Parameter("contact.friction.upper", 1.0, 0.05), Parameter("contact.friction.lower", 0.8, 0.0)
 
 CASES = {
     "bisection": Bisection(),
@@ -34,6 +39,13 @@ CASES = {
     "ilrobs-calibrated, from a belief": Calibrated(
         rate=0.6, K_values=(0.0,), resolution=0.05, first=Belief(0.2, ErrorInterval((0.1, 0.0), (0.2, 0.1), 1.0))
     ),
+    "bnb-midpoint": Midpoint(parameters=(UPPER, LOWER), cost=cost),
+    "bnb-midpoint, one parameter": Midpoint(parameters=(LOWER,), cost=cost),
+    "bnb-midpoint, three in a row": Midpoint(parameters=(UPPER, LOWER), cost=cost, executions_per_plan=3),
+    "bnb-diagonal": Diagonal(parameters=(UPPER, LOWER), cost=cost, delta=0.2, gap=0.05),
+    "bnb-diagonal, few plans": Diagonal(parameters=(UPPER, LOWER, replace(UPPER, key="x")), cost=cost, plans=30),
+    "bnb-informed": Informed(parameters=(UPPER, LOWER), cost=cost, budget=15),
+    "bnb-informed, three in a row": Informed(parameters=(UPPER, LOWER), cost=cost, budget=15, executions_per_plan=3),
 }
 
 WORLDS = {
@@ -267,7 +279,9 @@ def test_how_far_endpoints_move():
 
 @pytest.mark.parametrize("learner", LEARNERS)
 def test_a_configuration_names_its_learner(learner):
-    made = learner_of(LearningConfig.model_validate({"algorithm": learner.name, "delta": 0.02}))
+    parameters = [{"key": "contact.friction", "optimistic": 1.0, "conservative": 0.1}]
+    settings = {"algorithm": learner.name, "delta": 0.02, "parameters": parameters}
+    made = learner_of(LearningConfig.model_validate(settings), cost)
     assert type(made) is learner
     assert getattr(made, "delta", 0.02) == 0.02
 
@@ -279,9 +293,23 @@ def test_settings_reach_the_learner():
     assert learner_of(settings) == Bisection(epsilon=0.1, friction=(0.1, 0.7))
 
 
+def test_settings_reach_the_learners_of_several_parameters():
+    parameters = ({"key": "contact.friction", "optimistic": 1.0, "conservative": 0.1},)
+    given = {"parameters": parameters, "budget": 9, "gap": 0.2, "executions_per_plan": 7, "plans": 50}
+    settings = LearningConfig.model_validate({"algorithm": "bnb-midpoint", **given})
+    expected = {**given, "parameters": (Parameter("contact.friction", 1.0, 0.1),), "cost": cost}
+    assert learner_of(settings, cost) == Midpoint(**expected)
+
+
+def test_learners_of_several_parameters_need_their_cost():
+    with pytest.raises(RobustOptError, match="bnb-informed: found no cost"):
+        learner_of(LearningConfig(algorithm="bnb-informed"))
+
+
 def test_a_learner_that_is_not_here():
-    with pytest.raises(ConfigError, match=r"learning\.algorithm: found bnb-midpoint; expected one of bisection"):
-        learner_of(LearningConfig(algorithm="bnb-midpoint"))
+    settings = LearningConfig.model_construct(algorithm="annealing")
+    with pytest.raises(ConfigError, match=r"learning\.algorithm: found annealing; expected one of bisection"):
+        learner_of(settings)
 
 
 @pytest.mark.parametrize(
@@ -295,6 +323,13 @@ def test_a_learner_that_is_not_here():
         (lambda: Calibrated(K_values=(1.0,)), r"learning\.K_values: found \[1\.0\]"),
         (lambda: Calibrated(patience=0.5), r"learning\.patience: found 0\.5"),
         (lambda: AccelerationInterval(executions=0), "at least one execution"),
+        (lambda: Midpoint(parameters=(), cost=cost), r"learning\.parameters: found none"),
+        (
+            lambda: Midpoint(parameters=(UPPER, UPPER), cost=cost),
+            r"learning\.parameters: found contact\.friction\.upper",
+        ),
+        (lambda: Parameter("path.blend", 1.0, 1.0), r"learning\.parameters: found 1 and 1 for path\.blend"),
+        (lambda: Diagonal(parameters=(UPPER,), cost=cost, budget=0), r"learning\.budget: found 0"),
     ],
 )
 def test_settings_that_cannot_be(make, message):

@@ -14,7 +14,7 @@ from robustopt.path import build_path
 from robustopt.problem import TimeScalingProblem, build_problem, build_rows
 from robustopt.robot import load_robot
 from robustopt.timescaling import solve
-from robustopt.track import gridpoints
+from robustopt.track import _apportion, gridpoints
 
 
 @cache
@@ -254,3 +254,18 @@ def test_a_tiny_object_at_the_rim_of_a_huge_tray_is_carried_like_any_other(mass:
     config = scene(objects={"tiny": tiny, "wide": FLAT}, tray={"size": [3.0, 3.0, 0.01]}, contact={"friction": 0.2})
     plan = solve(build_problem(config), "reachability")
     assert plan.duration == pytest.approx(bang_bang(1.0, 0.2 * G), rel=1e-9)
+
+
+@pytest.mark.parametrize("lengths", [[1.0, 1.0, 1.0], [1.0, 1e-6, 1e-6, 3.0], [1e-9, 1.0], [0.3, 0.07, 0.06, 0.5]])
+@pytest.mark.parametrize("total", [10, 17, 200])
+def test_pieces_of_very_unequal_lengths_share_exactly_the_intervals_there_are(lengths: list[float], total: int) -> None:
+    counts = _apportion(np.array(lengths), total)
+    assert sum(counts) == total
+    assert min(counts) >= 2
+    ideal = np.array(lengths) / sum(lengths) * total
+    long = ideal > 4
+    assert (np.abs(np.array(counts) - ideal)[long] <= 2 * len(lengths)).all()
+
+
+def test_more_pieces_than_half_the_intervals_still_get_two_each() -> None:
+    assert _apportion(np.ones(7), 10) == [2] * 7

@@ -12,7 +12,7 @@ import pytest
 from robustopt import store
 from robustopt.config import Config, dump, load_config
 from robustopt.errors import RunFolderError
-from robustopt.store import CONFIG, PROVENANCE, SUMMARY, new_run, read_summary, write_json, write_origin
+from robustopt.store import CONFIG, JOURNAL, PROVENANCE, SUMMARY, new_run, read_summary, write_json, write_origin
 
 MODEL = Path(store.__file__).parent / "models" / "tx90l.xml"
 
@@ -99,6 +99,42 @@ def test_a_place_that_cannot_be_written_is_found_before_anything_is_computed(tmp
         pytest.fail("the block was entered")
 
 
+KILLED = (
+    "import os, sys; from pathlib import Path; from robustopt.store import new_run\n"
+    "with new_run('task', Path(sys.argv[1])) as run:\n"
+    "    (run.folder / 'file').write_text('x')\n"
+    "    print('begun', flush=True); sys.stdin.read()\n"
+)
+
+
+def test_folders_that_a_killed_process_left_are_removed_by_the_next_run_beside_them(tmp_path):
+    writing = [
+        subprocess.Popen(
+            [sys.executable, "-c", KILLED, str(tmp_path / name)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+        )
+        for name in ("killed", "alive")
+    ]
+    for process in writing:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"begun\n"
+    writing[0].kill()
+    writing[0].communicate()
+    elsewhere = tmp_path / f".other.partial-another.machine-{writing[0].pid}"
+    elsewhere.mkdir()
+    mine = tmp_path / ".notes.partial-mine"
+    mine.mkdir()
+    assert len(list(tmp_path.glob(".*"))) == 4
+    with new_run("task", tmp_path / "next") as run:
+        fill(run.folder)
+    left = {path.name for path in tmp_path.iterdir()}
+    assert not any(name.startswith(".killed") for name in left)
+    assert any(name.startswith(".alive") for name in left)
+    assert {elsewhere.name, mine.name, "next"} < left
+    writing[1].communicate()
+    assert writing[1].returncode == 0
+    assert (tmp_path / "alive" / "file").read_text() == "x"
+
+
 @pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError, SystemExit])
 def test_a_block_that_fails_leaves_nothing_behind(tmp_path, error):
     def block() -> None:
@@ -182,6 +218,9 @@ def test_a_folder_that_is_no_run_is_not_read(tmp_path):
     with pytest.raises(RunFolderError, match="no such run folder"):
         read_summary(tmp_path / "none")
     with pytest.raises(RunFolderError, match="not a run folder of robustopt"):
+        read_summary(tmp_path)
+    (tmp_path / JOURNAL).touch()
+    with pytest.raises(RunFolderError, match="unfinished; expected a complete run: robustopt learn --resume --out"):
         read_summary(tmp_path)
     fill(tmp_path)
     (tmp_path / SUMMARY).write_text("{")

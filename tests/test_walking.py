@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
+from robustopt.batch import BatchPlanner, with_beliefs
 from robustopt.certificate import certify
 from robustopt.cli import run
 from robustopt.config import load_config, with_values
@@ -27,6 +28,7 @@ from robustopt.rows import evaluate
 from robustopt.timescaling import Plan, Status, solve
 from robustopt.timescaling.plan import interval_ends
 from robustopt.timescaling.sharing import missing_shared_rows
+from robustopt.trajectory import Trajectory
 from robustopt.walker import Walker
 from robustopt.walking import StandingTorque
 from robustopt.walking_path import WalkingPath
@@ -64,12 +66,12 @@ def torque_of(problem: TimeScalingProblem) -> StandingTorque:
     return problem.limits.torque
 
 
-def with_beliefs(problem: TimeScalingProblem, values: dict[str, Any]) -> TimeScalingProblem:
+def believing(problem: TimeScalingProblem, values: dict[str, Any]) -> TimeScalingProblem:
     return build_rows(with_values(problem.config, values), problem.robot, problem.path)
 
 
 def duration(problem: TimeScalingProblem, values: dict[str, Any]) -> float:
-    found = solve(with_beliefs(problem, values), "reachability")
+    found = solve(believing(problem, values), "reachability")
     assert found.status is Status.SOLVED
     return found.duration
 
@@ -124,6 +126,7 @@ def test_labels_say_which_foot_is_in_the_air(problem: TimeScalingProblem) -> Non
         ("path.steps=[{foot: right, to: [0.8, -0.16]}]", "path.steps[0]", "the legs do not reach both feet at s ="),
         ("path.pelvis_height=0.6", "path.steps[0]", "a lower path.pelvis_height"),
         ("robot.limits={left_knee: {position: [0, 1.2]}}", "path.start", "left_knee would be at"),
+        ("path.start={left: [0, 0.03], right: [0, -0.03]}", "path.start", "collide"),
     ],
 )
 def test_a_path_out_of_reach_or_beyond_a_joint_says_where(override: str, key: str, words: str) -> None:
@@ -188,7 +191,7 @@ UNCERTAIN = {
 def test_rows_over_the_load_bound_every_value_of_the_parameters(problem: TimeScalingProblem) -> None:
     """Random rows at random (u, x): at least as large as with the forces of a model of random bodies, and hardly more
     than the largest of them over the corners of one direction."""
-    uncertain, walker = with_beliefs(problem, UNCERTAIN), walker_of(problem)
+    uncertain, walker = believing(problem, UNCERTAIN), walker_of(problem)
     loads, rng = torque_of(uncertain).loads, np.random.default_rng(2)
     points = np.arange(0, 60, 12)
     u, x = rng.normal(size=len(points)), 0.1 * rng.random(len(points))
@@ -218,7 +221,7 @@ def test_rows_over_the_load_bound_every_value_of_the_parameters(problem: TimeSca
 
 
 def test_facets_of_every_stance_are_the_cone_of_its_forces(problem: TimeScalingProblem) -> None:
-    uneven = with_beliefs(problem, {"contact.friction": {"left_foot": 0.4, "right_foot": 0.15}})
+    uneven = believing(problem, {"contact.friction": {"left_foot": 0.4, "right_foot": 0.15}})
     rng = np.random.default_rng(3)
     for family in uneven.limits.contacts[:3]:
         system = family.system
@@ -259,10 +262,21 @@ def test_each_foot_has_a_friction_of_its_own(problem: TimeScalingProblem) -> Non
 
 def test_both_solvers_find_the_same_plan(problem: TimeScalingProblem) -> None:
     for values in ({}, UNCERTAIN):
-        uncertain = with_beliefs(problem, values)
+        uncertain = believing(problem, values)
         fast, exact = solve(uncertain, "reachability"), solve(uncertain, "ipopt")
         assert fast.status is exact.status is Status.SOLVED
         assert fast.duration == pytest.approx(exact.duration, rel=1e-4)
+
+
+def test_plans_of_a_batch_are_those_of_their_settings(problem: TimeScalingProblem) -> None:
+    settings: list[dict[str, Any]] = [
+        {"contact.friction.left_foot": 0.2, "uncertainty.base_acceleration": 0.1},
+        {"contact.friction.right_foot": 0.25, "uncertainty.center_of_mass.torso.2": 0.02},
+        {"uncertainty.contact_points": 0.02},
+    ]
+    found = BatchPlanner(problem.config, workers=2).durations(settings)
+    for setting, time in zip(settings, found, strict=True):
+        assert solve(build_problem(with_beliefs(problem.config, setting)), "reachability").duration == time
 
 
 # Torques --------------------------------------------------------------------------------------------------
@@ -306,7 +320,7 @@ def _with_limits(plan: Plan, torque: float) -> Plan:
 
 def test_a_plan_passes_its_certificate_tightly(problem: TimeScalingProblem) -> None:
     for values in ({}, UNCERTAIN):
-        uncertain = with_beliefs(problem, values | {"solver.collocation_points": 200})
+        uncertain = believing(problem, values | {"solver.collocation_points": 200})
         certificate = certify(uncertain.config, solve(uncertain))
         assert certificate.passed, certificate.sentence
         contacts = [margin.on_grid for name, margin in certificate.margins.items() if name.startswith("contact of")]
@@ -495,3 +509,37 @@ def test_an_arm_has_a_tray_and_no_base_acceleration() -> None:
             waiter, ["tray=null", "uncertainty.base_acceleration=1", "path.start={left: [0, 1], right: [0, 0]}"]
         )
     assert {"tray", "uncertainty.base_acceleration", "path.start"} <= {p.key for p in caught.value.problems}
+
+
+# In MuJoCo ------------------------------------------------------------------------------------------------
+
+
+def on_the_floor(friction: float) -> mujoco.MjModel:
+    """The shipped model, all as in its file, on a floor."""
+    spec = mujoco.MjSpec.from_file(str(MODELS / "humanoid.xml"))
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[5, 5, 0.1])
+    model = spec.compile()
+    model.geom_friction[np.array(model.geom_priority) == 1, 0] = friction
+    return model
+
+
+@pytest.mark.parametrize(("believed", "slips"), [(0.2, False), (0.8, True)])
+def test_the_planned_torques_make_the_model_walk_without_any_balance(believed: float, slips: bool) -> None:
+    """Open loop: joint gains of the file and the planned torques; it slips only where less friction was there than
+    the plan believed."""
+    plan = solve(build_problem(load_config(CONFIG, [f"contact.friction={believed}"])))
+    model, walker = on_the_floor(0.2), walker_of(plan.problem)
+    data = mujoco.MjData(model)
+    t = np.arange(-0.3, plan.duration + 0.7, model.opt.timestep)
+    wanted, (torque, _) = Trajectory.from_plan(plan).sample(t), planned_forces(plan).sample(t)
+    kp, kd = model.actuator_gainprm[:, 0], -model.actuator_biasprm[:, 2]
+    control = wanted.q[:, BASE:] + (kd * wanted.qd[:, BASE:] + torque[:, BASE:]) / kp
+    data.qpos[:] = walker.qpos(wanted.q[:1])[0]
+    for row in control:
+        data.ctrl[:] = row
+        mujoco.mj_step(model, data)
+    goal = walker.qpos(wanted.q[-1:])[0]
+    off = np.abs(data.qpos[:2] - goal[:2]).max()
+    assert abs(data.qpos[2] - goal[2]) < 0.002
+    assert data.body("torso").xmat[8] > np.cos(0.01)
+    assert (off > 0.01) if slips else (off < 0.002)

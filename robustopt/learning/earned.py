@@ -27,10 +27,11 @@ class Earned:
 
     @property
     def sentence(self) -> str:
+        shown = "success shows" if self.successes == 1 else "successes in a row show"
         return (
-            f"{self.successes} successes in a row show a success rate of at least {self.lower:.3g} at "
+            f"{self.successes} {shown} a success rate of at least {self.lower:.3g} at "
             f"{self.confidence:.3g} confidence, or {self.simultaneous:.3g} as the best of {self.tests} tested plans; "
-            f"that it is at least {self.rate:.3g} they show at {self.earned:.3g}. "
+            f"that it is at least {self.rate:.3g} has the confidence {self.earned:.3g}. "
             f"{self.rate:.3g} at {self.confidence:.3g} takes {self.needed} in a row."
         )
 

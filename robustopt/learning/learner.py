@@ -28,8 +28,8 @@ from robustopt.learning.moments import ErrorInterval, Moments, Values
 class Belief:
     """What a plan is made with in place of what the configuration says; None leaves that as it is.
 
-    friction: coefficient of friction of all interfaces; error: interval of joint acceleration error; parameters: values
-    by key of the configuration
+    friction: coefficient of friction of all learned interfaces; error: interval of joint acceleration error;
+    parameters: other values by their keys in the configuration, such as ("contact.friction.upper", 0.31)
     """
 
     friction: float | None = None
@@ -101,6 +101,9 @@ class End(Enum):
     INTERVAL = "interval"
     STABLE = "stable"
     ITERATION_LIMIT = "iteration limit"
+    GAP = "gap"
+    BOXES = "boxes"
+    BUDGET = "budget"
     NO_SUCCESS = "no success"
     NO_PLAN = "no plan"
 
@@ -111,7 +114,10 @@ class End(Enum):
             End.INTERVAL: "The interval of the coefficient of friction is as small as was asked for.",
             End.STABLE: "The interval of the acceleration error is stable.",
             End.ITERATION_LIMIT: "The interval of the acceleration error did not settle in the iterations allowed.",
-            End.NO_SUCCESS: "No plan succeeded in the interval of the coefficient of friction.",
+            End.GAP: "The best plan is as close to the lower bound as was asked for.",
+            End.BOXES: "No undecided box of parameters is larger than was asked for.",
+            End.BUDGET: "The executions allowed are used up.",
+            End.NO_SUCCESS: "No plan that was tested succeeded.",
             End.NO_PLAN: "There is no plan, even without acceleration errors.",
         }[self]
 
@@ -149,6 +155,8 @@ class Row:
     iteration: from 1; attempts with shrunk error intervals, and what is returned at the end, share it with the others
         of their iteration
     low, high: interval of the coefficient of friction after it, None where the learner has none
+    lower_bound: of the duration of any plan that succeeds, after it [s]; gap: of the best plan to it, relative;
+    contradictions: successes below failures so far, in pairs; None where the learner has none of these
     """
 
     iteration: int
@@ -156,9 +164,12 @@ class Row:
     result: Result
     low: float | None = None
     high: float | None = None
+    lower_bound: float | None = None
+    gap: float | None = None
+    contradictions: int | None = None
 
     def record(self) -> dict[str, float | int | str | bool | Values | None]:
-        """The paper's columns (Table 1) and what stands behind them, as plain values."""
+        """The paper's columns (Table 1) and what stands behind them, as plain values; learned parameters by key."""
         trial = self.trial
         error = trial.belief.error or ErrorInterval()
         return {
@@ -177,6 +188,10 @@ class Row:
             "planned_half_width": error.half_width,
             "error_mean": trial.errors.mean,
             "error_deviation": trial.errors.deviation,
+            "lower_bound": self.lower_bound,
+            "gap": self.gap,
+            "contradictions": self.contradictions,
+            **dict(trial.belief.parameters),
         }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ MARKS = {
 def learning_figure(records: Sequence[Record], target_rate: float, title: str) -> Figure:
     """What was believed, how long the plan was, and how often it succeeds, for every plan in order.
 
-    records: of the plans, as in the summary of a run; target_rate: success rate that the learner aims at
+    records: of the plans, as in the summary of a run; target_rate: the success rate in question, a line
     """
     panels = [_beliefs, _durations]
     if any(record.get("success_rate") is not None for record in records):
@@ -34,11 +35,14 @@ def learning_figure(records: Sequence[Record], target_rate: float, title: str) -
     for panel, axis in zip(panels, axes, strict=True):
         panel(axis, records)
     if len(panels) == 3:
-        axes[2].axhline(100 * target_rate, color=INK, linewidth=0.8, linestyle="--")
+        label = f"success rate in\nquestion: {100 * target_rate:.3g} %"
+        axes[2].axhline(100 * target_rate, color=INK, linewidth=0.8, linestyle="--", zorder=0, label=label)
+        axes[2].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     axes[-1].set_xlabel("plan")
     axes[-1].set_xlim(0.4, len(records) + 0.6)
     axes[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
     _legend(axes[0], records)
+    figure.align_ylabels(axes)
     figure.suptitle(title, x=0.01, ha="left")
     return figure
 
@@ -51,6 +55,7 @@ def _beliefs(axis: Axes, records: Sequence[Record]) -> None:
         axis.stairs(high, edges, baseline=low, fill=True, color=BLUE, alpha=0.15)
         axis.stairs(high, edges, baseline=None, color=BLUE, linewidth=1.0)
         axis.stairs(low, edges, baseline=None, color=BLUE, linewidth=1.0)
+        axis.use_sticky_edges = False  # else a mark at the end of the interval is cut
         _mark(axis, records, [record["friction"] for record in records])
         axis.set_ylabel("coefficient of friction")
     elif any(record.get("incumbent") is not None for record in records):
@@ -61,7 +66,7 @@ def _beliefs(axis: Axes, records: Sequence[Record]) -> None:
         axis.set_ylabel("duration [s]")
     else:
         _mark(axis, records, [max(record["planned_half_width"], default=0.0) for record in records])
-        axis.set_ylabel("error interval, +- [rad/s²]")
+        axis.set_ylabel("error interval, ± [rad/s²]")
 
 
 def _durations(axis: Axes, records: Sequence[Record]) -> None:
@@ -75,16 +80,25 @@ def _successes(axis: Axes, records: Sequence[Record]) -> None:
             low, high = 100 * record["success_low"], 100 * record["success_high"]
             axis.plot([i + 1, i + 1], [low, high], color=GREY, linewidth=3.0, solid_capstyle="butt", zorder=1)
     rates = [np.nan if record.get("success_rate") is None else 100 * record["success_rate"] for record in records]
-    _mark(axis, records, rates)
+    _mark(axis, records, rates, joined=False)
     axis.set_ylim(-4, 104)
     axis.set_ylabel("fresh successes [%]")
 
 
-def _mark(axis: Axes, records: Sequence[Record], values: Sequence[float]) -> None:
-    axis.plot(1 + np.arange(len(records)), values, color=INK, linewidth=0.6, zorder=1)
+def _mark(axis: Axes, records: Sequence[Record], values: Sequence[float], joined: bool = True) -> None:
+    """Mark the plans by their results, joined by lines but where the search begins anew."""
+    starts = [0, *(i for i in range(1, len(records)) if _begins_anew(records[i - 1], records[i])), len(records)]
+    for start, end in pairwise(starts) if joined else ():
+        axis.plot(1 + np.arange(start, end), values[start:end], color=INK, linewidth=0.6, zorder=1)
     for i, (record, value) in enumerate(zip(records, values, strict=True)):
         marker, colour = MARKS[record["result"]]
         axis.plot(i + 1, value, marker=marker, color=colour, markersize=6, zorder=2)
+
+
+def _begins_anew(before: Record, record: Record) -> bool:
+    """Whether the interval of friction is wider than it was: a search for the next K."""
+    low, high = (record.get(key) for key in ("friction_low", "friction_high"))
+    return low is not None and (low < before["friction_low"] or high > before["friction_high"])
 
 
 def _legend(axis: Axes, records: Sequence[Record]) -> None:

@@ -33,7 +33,7 @@ TO_BOUNDARY = 0.95
 """Share of the way to the nearest bound that a step may take."""
 
 
-@nb.njit(cache=True)
+@nb.njit(cache=True, nogil=True)
 def _rows(a, b, c, x_max, ds):
     """Rows G1 x_i + G2 x_{i+1} + h <= 0 of the intervals, and of the bounds of x, with the index i of each."""
     P, m = a.shape
@@ -65,7 +65,7 @@ def _rows(a, b, c, x_max, ds):
     return G1[:n], G2[:n], h[:n], at[:n]
 
 
-@nb.njit(cache=True)
+@nb.njit(cache=True, nogil=True)
 def _derivatives(x, ds, gradient, diagonal, off):
     """Gradient and tridiagonal Hessian of the duration. Returns the duration."""
     P = len(x)
@@ -89,7 +89,7 @@ def _derivatives(x, ds, gradient, diagonal, off):
     return total
 
 
-@nb.njit(cache=True)
+@nb.njit(cache=True, nogil=True)
 def _solve_tridiagonal(diagonal, off, right, free, work, out):
     """Symmetric tridiagonal system over the free entries; the others stay 0."""
     P = len(right)
@@ -109,7 +109,7 @@ def _solve_tridiagonal(diagonal, off, right, free, work, out):
             out[i] = (out[i] - after) / work[i]
 
 
-@nb.njit(cache=True)
+@nb.njit(cache=True, nogil=True)
 def _slacks(G1, G2, h, at, x, slack):
     """slack = -(G x + h); returns its smallest entry."""
     least = np.inf
@@ -119,7 +119,7 @@ def _slacks(G1, G2, h, at, x, slack):
     return least
 
 
-@nb.njit(cache=True)
+@nb.njit(cache=True, nogil=True)
 def _barrier(x, ds, slack, weight):
     """weight * duration - sum log slack."""
     value = 0.0
@@ -131,7 +131,7 @@ def _barrier(x, ds, slack, weight):
     return value
 
 
-@nb.njit(cache=True)
+@nb.njit(cache=True, nogil=True)
 def polish(a, b, c, x_max, ds, feasible):
     """Minimum-time x (P,) on the rows from a feasible one, and the bound of its distance to the optimum [s].
 

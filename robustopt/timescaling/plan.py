@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
 
+import numba as nb
 import numpy as np
 
 from robustopt.problem import TimeScalingProblem
@@ -27,12 +28,15 @@ class Status(Enum):
 
     @property
     def sentence(self) -> str:
-        return {
-            Status.SOLVED: "The plan is the optimum for every value in the intervals.",
-            Status.INFEASIBLE: "No timing of the path satisfies the limits for every value in the intervals.",
-            Status.ITERATION_LIMIT: "The solver reached its iteration limit before the optimum.",
-            Status.FAILED: "The solver stopped without an answer.",
-        }[self]
+        return _SENTENCES[self.value]
+
+
+_SENTENCES = {
+    "solved": "The plan is the optimum for every value in the intervals.",
+    "infeasible": "No timing of the path satisfies the limits for every value in the intervals.",
+    "iteration limit": "The solver reached its iteration limit before the optimum.",
+    "failed": "The solver stopped without an answer.",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,15 +68,24 @@ class Plan:
 
 def duration_of(ds: Array, x: Array) -> float:
     """Sum of 2 ds / (sd_i + sd_{i+1}) over the intervals that have a length [s]; infinite where the robot stands."""
-    root = np.sqrt(np.maximum(x, 0.0))
-    moving = ds > 0
-    with np.errstate(divide="ignore"):
-        return float(np.sum(2 * ds[moving] / (root[:-1] + root[1:])[moving]))
+    return float(_timing(ds, x)[0])
 
 
 def controls_of(ds: Array, x: Array) -> Array:
-    """u from x_{i+1} = x_i + 2 ds u, (P - 1,); 0 on intervals without length."""
-    return np.divide(np.diff(x), 2 * ds, out=np.zeros(len(ds)), where=ds > 0)
+    """u from x_{i+1} = x_i + 2 ds u_i, (P - 1,); 0 on intervals without length."""
+    return np.asarray(_timing(ds, x)[1])
+
+
+@nb.njit(cache=True, nogil=True)
+def _timing(ds, x):  # type: ignore[no-untyped-def]
+    """Duration and controls of a timing."""
+    duration, u = 0.0, np.zeros(len(ds))
+    for i in range(len(ds)):
+        if ds[i] > 0.0:
+            moving = np.sqrt(max(x[i], 0.0)) + np.sqrt(max(x[i + 1], 0.0))
+            duration += 2.0 * ds[i] / moving if moving > 0.0 else np.inf
+            u[i] = (x[i + 1] - x[i]) / (2.0 * ds[i])
+    return duration, u
 
 
 def interval_ends(problem: TimeScalingProblem, x: Array, u: Array) -> tuple[Array, Array, Array]:
@@ -84,13 +97,12 @@ def interval_ends(problem: TimeScalingProblem, x: Array, u: Array) -> tuple[Arra
 
 def solved_plan(problem: TimeScalingProblem, x: Array, method: str, statistics: Mapping[str, float]) -> Plan:
     """The plan of a solution x (P,)."""
-    u = controls_of(problem.ds, x)
+    duration, u = _timing(problem.ds, x)
     for array in (x, u):
         array.flags.writeable = False
     return Plan(
-        Status.SOLVED, Status.SOLVED.sentence, method, problem.s, problem.piece, x, u, duration_of(problem.ds, x),
-        problem, statistics,
-    )  # fmt: skip
+        Status.SOLVED, Status.SOLVED.sentence, method, problem.s, problem.piece, x, u, duration, problem, statistics
+    )
 
 
 def failed_plan(

@@ -37,15 +37,16 @@ def solve_reachability(problem: TimeScalingProblem) -> Plan:
     x, bound, stuck = passes(problem.a, problem.b, problem.c, problem.x_max, problem.ds)
     if stuck >= 0:
         return _stuck(problem, stuck, began)
-    gap = 1.0 - duration_of(problem.ds, bound) / duration_of(problem.ds, x)
+    duration = duration_of(problem.ds, x)
+    gap = 1.0 - duration_of(problem.ds, bound) / duration
     polished = gap > OPTIMALITY_GAP
     if polished:
         better, left = polish(problem.a, problem.b, problem.c, problem.x_max, problem.ds, x)
-        lower = duration_of(problem.ds, better) - left
-        if duration_of(problem.ds, better) < duration_of(problem.ds, x):
-            x = better
-        gap = min(gap, 1.0 - lower / duration_of(problem.ds, x))
-    if not np.isfinite(duration_of(problem.ds, x)):
+        after = duration_of(problem.ds, better)
+        if after < duration:
+            x, duration = better, after
+        gap = min(gap, 1.0 - (after - left) / duration)
+    if not np.isfinite(duration):
         return _stuck(problem, int(np.argmax((x[:-1] + x[1:] == 0.0) & (problem.ds > 0))), began)
     statistics = {"solver_seconds": time.perf_counter() - began, "optimality_gap": gap, "polished": float(polished)}
     return solved_plan(problem, x, "reachability", statistics)
@@ -56,7 +57,7 @@ def _stuck(problem: TimeScalingProblem, point: int, began: float) -> Plan:
     return failed_plan(problem, Status.INFEASIBLE, "reachability", Status.INFEASIBLE.sentence, point, statistics)
 
 
-@nb.njit(cache=True)
+@nb.njit(cache=True, nogil=True)
 def _gather(a, b, c, i, step, A, B, C, m):
     """Append the rows of a grid point that are not padding, with u replaced by what it means `step` further on."""
     for k in range(a.shape[1]):
@@ -71,16 +72,19 @@ def _gather(a, b, c, i, step, A, B, C, m):
     return m
 
 
-@nb.njit(cache=True)
-def _extreme_x(A, B, C, m, x_max, sign):
+@nb.njit(cache=True, nogil=True)
+def _extreme_x(A, B, C, m, x_max, sign, order):
     """Largest (sign 1) or smallest (sign -1) x in [0, x_max] with A u + B x + C <= 0 for some u; nan if there is none.
 
-    Incremental linear programming in two variables (Seidel): a violated row moves the optimum onto its line.
+    Incremental linear programming in two variables (Seidel): a violated row moves the optimum onto its line. order:
+    in which the rows are taken, without indices from m on; a violated one moves to the front, so that what binds at one
+    grid point comes first at the next, where it mostly binds too.
     """
     x = x_max if sign > 0 else 0.0
     u = 0.0
-    for i in range(m):
-        if A[i] * u + B[i] * x + C[i] <= FEASIBILITY * 1e-3:
+    for p in range(len(order)):
+        i = order[p]
+        if i >= m or A[i] * u + B[i] * x + C[i] <= FEASIBILITY * 1e-3:
             continue
         norm = A[i] * A[i] + B[i] * B[i]
         if norm < 1e-300:
@@ -90,12 +94,15 @@ def _extreme_x(A, B, C, m, x_max, sign):
         u0, x0 = -A[i] * C[i] / norm, -B[i] * C[i] / norm
         du, dx = -B[i], A[i]
         low, high = -np.inf, np.inf
-        for j in range(-2, i):
-            if j == -2:
+        for k in range(-2, p):
+            if k == -2:
                 slope, rest = dx, x0 - x_max
-            elif j == -1:
+            elif k == -1:
                 slope, rest = -dx, -x0
             else:
+                j = order[k]
+                if j >= m:
+                    continue
                 slope = A[j] * du + B[j] * dx
                 rest = A[j] * u0 + B[j] * x0 + C[j]
             scale = 1e-13 * norm
@@ -115,12 +122,20 @@ def _extreme_x(A, B, C, m, x_max, sign):
         if not np.isfinite(t):
             t = low if np.isfinite(low) else (high if np.isfinite(high) else 0.0)
         u, x = u0 + t * du, x0 + t * dx
+        for k in range(p, 0, -1):
+            order[k] = order[k - 1]
+        order[0] = i
     return min(max(x, 0.0), x_max)
 
 
-@nb.njit(cache=True)
+@nb.njit(cache=True, nogil=True)
 def _holds_at_rest(A, C, m):
     """Whether some u satisfies A u + C <= 0: then the smallest x is 0, nearly always."""
+    above = 0
+    for k in range(m):
+        above += 1 if C[k] > 0.0 else 0
+    if above == 0:
+        return True
     low, high = -np.inf, np.inf
     for k in range(m):
         if A[k] > 0.0:
@@ -132,13 +147,14 @@ def _holds_at_rest(A, C, m):
     return low <= high
 
 
-@nb.njit(cache=True)
+@nb.njit(cache=True, nogil=True)
 def passes(a, b, c, x_max, ds):
     """Backward and forward pass. Returns x (P,), an upper bound of every feasible x (P,), and the grid point where no
     choice is left or the robot cannot move on, or -1."""
     P, m = a.shape
     low, high, x, bound = np.zeros(P), np.zeros(P), np.zeros(P), np.zeros(P)
     A, B, C = np.empty(2 * m + 4), np.empty(2 * m + 4), np.empty(2 * m + 4)
+    fast, slow = np.arange(2 * m + 2), np.arange(2 * m + 2)
     high[P - 1] = x_max[P - 1]
     for i in range(P - 2, -1, -1):
         if ds[i] == 0.0:
@@ -149,8 +165,8 @@ def passes(a, b, c, x_max, ds):
             A[1], B[1], C[1] = -step, -1.0, low[i + 1]
             n = _gather(a, b, c, i, 0.0, A, B, C, 2)
             n = _gather(a, b, c, i + 1, step, A, B, C, n)
-            high[i] = _extreme_x(A, B, C, n, x_max[i], 1)
-            low[i] = 0.0 if _holds_at_rest(A, C, n) else _extreme_x(A, B, C, n, x_max[i], -1)
+            high[i] = _extreme_x(A, B, C, n, x_max[i], 1, fast)
+            low[i] = 0.0 if _holds_at_rest(A, C, n) else _extreme_x(A, B, C, n, x_max[i], -1, slow)
         if not low[i] <= high[i] or (ds[i] > 0.0 and high[i] == 0.0 and high[i + 1] == 0.0):
             return x, bound, i
     if low[0] > FEASIBILITY:
@@ -165,9 +181,9 @@ def passes(a, b, c, x_max, ds):
         u, decreasing = (high[i + 1] - x[i]) / step, False
         for k in range(n):
             if A[k] > 0.0:
-                limit = -(B[k] * x[i] + C[k]) / A[k]
-                if limit < u:
-                    u, decreasing = limit, step * B[k] > A[k]
+                rest = B[k] * x[i] + C[k]
+                if -rest < u * A[k]:
+                    u, decreasing = -rest / A[k], step * B[k] > A[k]
         x[i + 1] = min(max(x[i] + step * u, low[i + 1]), high[i + 1])
         bound[i + 1] = x[i + 1]
         if decreasing or bound[i] > x[i]:
@@ -175,12 +191,12 @@ def passes(a, b, c, x_max, ds):
     return x, bound, -1
 
 
-@nb.njit(cache=True)
+@nb.njit(cache=True, nogil=True)
 def _largest_next(A, B, C, n, step, low, high, most):
     """Largest x + step u <= most with low <= x <= high and A u + B x + C <= 0: the rows in (u, x + step u)."""
     for k in range(n):
         A[k] -= step * B[k]
     A[n], B[n], C[n] = -step, 1.0, -high
     A[n + 1], B[n + 1], C[n + 1] = step, -1.0, low
-    largest = _extreme_x(A, B, C, n + 2, most, 1)
+    largest = _extreme_x(A, B, C, n + 2, most, 1, np.arange(n + 2))
     return most if np.isnan(largest) else largest

@@ -1,0 +1,240 @@
+"""Learners of several parameters on synthetic monotone problems, beside random search, a grid and Optuna's samplers.
+
+    python experiments/bench_learners.py [--seeds N] [--methods NAME ...] [--resume] [--out results/benchmarks]
+
+Writes learners.csv (every run), learners.md and learners.svg: `make bench-learners`. Runs that learners.csv holds
+already are kept with --resume. Same seeds, same figures, whatever the number of workers.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+from joblib import Parallel, delayed
+from learner_contenders import OURS, contenders
+from learner_figure import write_figure
+from monotone_problems import HELD_OUT, Problem, problem
+
+from robustopt.confidence import paper_executions, phi
+from robustopt.learning.branch_and_bound import BranchAndBound, BranchState
+from robustopt.learning.learner import Executed, Planned
+from robustopt.learning.parameters import Parameter
+from robustopt.tables import Column, Table, Value, markdown_text
+
+ROOT = Path(__file__).resolve().parents[1]
+
+MARKS = (1, 2, 3, 5, 7, 10, 14, 20, 28, 40)
+"""Executions after which the regret is recorded."""
+
+CLOSE = 0.05
+"""Regret that counts as found."""
+
+LENIENT = 0.1
+"""An incumbent of a true success rate this much under the one asked for still counts; below, b is what one has."""
+
+K = 1.0
+"""Of the noisy world: N_e(K) executions in a row, success rate Phi(K)."""
+
+
+@dataclass(frozen=True)
+class World:
+    """name; noise: of the margin; budgets: executions of `bnb-informed` and of the others"""
+
+    name: str
+    noise: float
+    executions_per_plan: int
+    budgets: tuple[int, int]
+
+
+WORLDS = (World("quiet", 0.0, 1, (60, 120)), World("noisy", 0.05, paper_executions(K), (80, 200)))
+DIMENSIONS = (2, 3, 4)
+
+
+def one_run(world: World, k: int, method: str, seed: int) -> dict[str, Value]:
+    """Regret after every execution of one run, and what it proved."""
+    warnings.simplefilter("ignore")  # Optuna announces that constraints and multivariate sampling are experimental
+    rate = phi(K) if world.noise else 0.5
+    task = problem(k, seed, HELD_OUT, world.noise, rate)
+    make = contenders()[method]
+    informed = make is OURS[0]
+    settings = {} if make in OURS else {"seed": seed}
+    learner = make(
+        parameters=tuple(Parameter(str(axis), 0.0, 1.0) for axis in range(k)),
+        cost=task.cost,
+        budget=world.budgets[0 if informed else 1],
+        executions_per_plan=world.executions_per_plan,
+        **settings,
+    )
+    regrets, gap = [], None
+    state = learner.initial()
+    while (request := learner.ask(state)) is not None:
+        if request.executions == 0:
+            state = learner.tell(state, Planned(1.0))
+            continue
+        point = np.array([value for _, value in request.belief.parameters])
+        state = learner.tell(state, Executed(task.execute(point, seed, request.first)))
+        regrets.append(regret(learner, state, task, rate))
+        if len(regrets) <= MARKS[-1] and state.rows:
+            gap = state.rows[-1].gap
+        if len(regrets) >= MARKS[-1] and regrets[-1] <= CLOSE:
+            break
+    regrets = regrets or [regret(learner, state, task, rate)]
+    wrong = [i for i, value in enumerate(regrets) if value > CLOSE]
+    found = None if wrong and wrong[-1] == len(regrets) - 1 else (wrong[-1] + 2 if wrong else 1)
+    at = {f"regret_{n}": regrets[min(n, len(regrets)) - 1] for n in MARKS}
+    return {"world": world.name, "k": k, "method": method, "seed": seed, "shape": task.name, "to_5_percent": found,
+            "executions": len(regrets), "gap_40": gap, **at}  # fmt: skip
+
+
+def regret(learner: BranchAndBound, state: BranchState, task: Problem, rate: float) -> float:
+    """Cost of the incumbent over the optimum, minus 1; that of b where there is none, or one that fails too often."""
+    best = learner.best(state)
+    point = np.ones(task.k) if best is None else np.array([value for _, value in best.trial.belief.parameters])
+    if task.noise and task.success_rate(point)[0] < rate - LENIENT:
+        point = np.ones(task.k)
+    return float(task.cost(point[None])[0] / task.optimum - 1)
+
+
+# Summary --------------------------------------------------------------------------------------------------
+
+COLUMNS = (
+    Column("world", "world"),
+    Column("k", "parameters"),
+    Column("method", "method"),
+    Column("runs", "runs"),
+    *(Column(f"regret_{n}", f"regret after {n} [%]", ".1f") for n in (5, 10, 20, 40)),
+    Column("to_5_percent", "executions to 5 %", "g"),
+    Column("found", "runs that got there [%]", ".0f"),
+    Column("ratio", "of random search", ".2f"),
+    Column("gap_40", "proven gap [%]", ".0f"),
+)
+
+BELOW = """
+- Medians over seeds. Regret: cost of the incumbent over the true optimum, minus 1; before the first success the
+  incumbent is b, which succeeds by assumption. "Executions to 5 %": from there to the end of the run the regret is at
+  most 5 %; a run that does not get there counts as more than its budget ({budgets}). An empty
+  cell: the median run does not.
+- Problems: `experiments/monotone_problems.py`, the shapes {shapes}, on which no constant of a learner was chosen. The
+  true optimum is found by brute force on the boundary.
+- Noisy: the margin of an execution has a deviation of {noise:g} (parameters lie in [0, 1]); asked for is a success
+  rate of {rate:.3f}, which the other methods test by {executions} successes in a row. Every execution counts. An
+  incumbent whose true rate is more than {lenient:g} below that counts as b.
+- Random search, the grid and Optuna's samplers never execute what monotony decides or what costs more than the
+  incumbent; Optuna's samplers get the answers that follow from it for nothing, and success as a constraint.
+{gp}- "Proven gap": incumbent over lower bound after 40 executions, minus 1. In the noisy world that of `bnb-informed`
+  holds by its model, that of the others by their verdicts.
+"""
+
+
+def summary(runs: Sequence[dict[str, Value]]) -> list[dict[str, Value]]:
+    """One record per world, number of parameters and method."""
+    records: list[dict[str, Value]] = []
+    for world, k in product(WORLDS, DIMENSIONS):
+        here = [run for run in runs if run["world"] == world.name and run["k"] == k]
+        counts = {}
+        for method in dict.fromkeys(run["method"] for run in here):
+            mine = [run for run in here if run["method"] == method]
+            found = [np.inf if run["to_5_percent"] is None else run["to_5_percent"] for run in mine]
+            counts[method] = float(np.median(found))
+            gaps = [np.inf if run["gap_40"] is None else run["gap_40"] for run in mine]
+            ours = any(learner.name == method for learner in OURS)
+            records.append({
+                "world": world.name, "k": k, "method": method, "runs": len(mine),
+                **{f"regret_{n}": 100 * float(np.median([run[f"regret_{n}"] for run in mine])) for n in MARKS},
+                "to_5_percent": counts[method] if np.isfinite(counts[method]) else None,
+                "found": 100 * float(np.mean(np.isfinite(found))),
+                "gap_40": 100 * float(np.median(gaps)) if ours and np.isfinite(np.median(gaps)) else None,
+            })  # fmt: skip
+        for record in records:
+            if (record["world"], record["k"]) == (world.name, k) and np.isfinite(counts.get("random", np.inf)):
+                mine = counts[str(record["method"])]
+                record["ratio"] = mine / counts["random"] if np.isfinite(mine) else None
+    return records
+
+
+# Files ----------------------------------------------------------------------------------------------------
+
+
+def read_runs(path: Path) -> list[dict[str, Value]]:
+    """The runs of an earlier call."""
+    if not path.exists():
+        return []
+    with path.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    words = ("world", "method", "shape")
+    whole = ("k", "seed", "to_5_percent", "executions")
+    return [
+        {key: text if key in words else None if text == "" else int(text) if key in whole else float(text)
+         for key, text in row.items()}
+        for row in rows
+    ]  # fmt: skip
+
+
+def write_runs(runs: Sequence[dict[str, Value]], path: Path) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, list(runs[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows({k: f"{v:.6g}" if isinstance(v, float) else v for k, v in run.items()} for run in runs)
+
+
+def write_report(runs: Sequence[dict[str, Value]], folder: Path) -> list[Path]:
+    """learners.md and learners.svg from the runs."""
+    missing = {run["method"] for run in runs} >= {"optuna GP"}
+    gp = "" if missing else "- Optuna's GP sampler is run where torch is installed, which it needs; it was not here.\n"
+    below = BELOW.format(
+        budgets=", ".join(f"{w.name} {w.budgets[0]} for `bnb-informed`, {w.budgets[1]} for others" for w in WORLDS),
+        shapes=", ".join(f"`{shape.__name__}`" for shape in HELD_OUT), noise=WORLDS[1].noise, rate=phi(K),
+        executions=WORLDS[1].executions_per_plan, lenient=LENIENT, gp=gp,
+    )  # fmt: skip
+    records = summary(runs)
+    text = "# Learning several parameters: synthetic problems\n\nWritten by `make bench-learners`.\n\n"
+    page = folder / "learners.md"
+    page.write_text(text + markdown_text(Table(COLUMNS, tuple(records))) + below, encoding="utf-8")
+    return [page, *write_figure(records, MARKS, folder)]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Learners of several parameters on synthetic monotone problems.")
+    parser.add_argument("--seeds", type=int, default=50)
+    parser.add_argument("--methods", nargs="*", default=list(contenders()))
+    parser.add_argument("--dimensions", nargs="*", type=int, default=list(DIMENSIONS))
+    parser.add_argument("--workers", type=int, default=-1)
+    parser.add_argument("--resume", action="store_true", help="keep the runs that learners.csv holds")
+    parser.add_argument("--out", type=Path, default=ROOT / "results" / "benchmarks")
+    arguments = parser.parse_args()
+    path = arguments.out / "learners.csv"
+    runs = read_runs(path) if arguments.resume else []
+    done = {(run["world"], run["k"], run["method"], run["seed"]) for run in runs}
+    tasks = [
+        (world, k, method, seed)
+        for world, k, method, seed in product(WORLDS, arguments.dimensions, arguments.methods, range(arguments.seeds))
+        if (world.name, k, method, seed) not in done
+    ]
+    names, order = list(contenders()), [world.name for world in WORLDS]
+
+    def place(run: dict[str, Value]) -> tuple[int, int, int, int]:
+        return order.index(run["world"]), run["k"], names.index(run["method"]), run["seed"]
+
+    results = Parallel(n_jobs=arguments.workers, return_as="generator_unordered")(
+        delayed(one_run)(*task) for task in tasks
+    )
+    for number, run in enumerate(results, 1):
+        runs.append(run)
+        if number % 50 == 0 or number == len(tasks):
+            runs.sort(key=place)
+            write_runs(runs, path)
+            print(f"{number} of {len(tasks)} runs", flush=True)
+    for file in (path, *write_report(runs, arguments.out)):
+        print(file)
+
+
+if __name__ == "__main__":
+    main()

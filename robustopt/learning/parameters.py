@@ -1,0 +1,103 @@
+"""Parameters that are learned several at once: values of the configuration, as points of the unit cube."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import exp, isfinite, log
+
+import numpy as np
+
+from robustopt.errors import ConfigError
+
+Array = np.ndarray
+Point = tuple[float, ...]
+"""A point of the unit cube: 0 where a parameter is optimistic, 1 where it is conservative."""
+
+Cost = Callable[[Array], Array]
+"""f*: values of the parameters (m, k), in their order, -> durations of the plans (m,) [s], inf where there is none."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A numeric belief of the configuration and the interval in which it is searched.
+
+    Where both ends have one sign, equal steps in the unit cube are equal ratios of the value, else equal differences:
+    durations go with powers of friction and mass (our choice).
+    """
+
+    key: str
+    optimistic: float
+    conservative: float
+
+    def __post_init__(self) -> None:
+        ends = (self.optimistic, self.conservative)
+        if not all(map(isfinite, ends)) or ends[0] == ends[1]:
+            raise ConfigError(
+                f"found {ends[0]:g} and {ends[1]:g} for {self.key}; expected two different numbers",
+                key="learning.parameters",
+            )
+
+    def value(self, t: float) -> float:
+        """The value at t in [0, 1]; exactly the ends at 0 and 1."""
+        a, b = self.optimistic, self.conservative
+        if t in (0.0, 1.0):
+            return b if t else a
+        return a * exp(t * log(b / a)) if a * b > 0 else a + t * (b - a)
+
+
+def values(parameters: Sequence[Parameter], points: Array) -> Array:
+    """Values of points of the unit cube, (m, k) -> (m, k)."""
+    columns = zip(parameters, np.asarray(points).T, strict=True)
+    return np.array([[parameter.value(t) for t in column] for parameter, column in columns]).T
+
+
+LARGE = 1e3
+"""A node without a plan counts as so many times the longest duration when f* is interpolated."""
+
+MOST_NODES = 33
+"""Nodes of one axis that are enough for the interpolation of f*."""
+
+
+class CostMap:
+    """f* over the unit cube: exact where it is asked for, and interpolated from a grid where it is only a guide.
+
+    The interpolation is multilinear in log f*, so it grows with every parameter where f* does. It chooses what is
+    looked at; no bound rests on it.
+
+    cost: in values of the parameters; plans: most evaluations of f* for the grid
+    """
+
+    def __init__(self, parameters: Sequence[Parameter], cost: Cost, plans: int) -> None:
+        self._parameters, self._cost, self._plans = tuple(parameters), cost, plans
+        self._nodes: Array | None = None
+
+    def exact(self, points: Array) -> Array:
+        """f* at points (m, k) -> (m,) [s]."""
+        if len(points) == 0:
+            return np.zeros(0)
+        return np.asarray(self._cost(values(self._parameters, points)), dtype=float)
+
+    def guide(self, points: Array) -> Array:
+        """Interpolated f* at points (m, k) -> (m,) [s]; the grid is evaluated at the first call."""
+        nodes = self._nodes = self._grid() if self._nodes is None else self._nodes
+        place = np.asarray(points) * (len(nodes) - 1)
+        cell = np.minimum(place.astype(int), len(nodes) - 2)
+        share = place - cell
+        table = nodes.ravel()
+        strides = len(nodes) ** np.arange(nodes.ndim - 1, -1, -1)
+        total = np.zeros(len(place))
+        for corner in np.ndindex(*(2,) * nodes.ndim):
+            weight = np.prod(np.where(corner, share, 1 - share), axis=1)
+            total += weight * table[(cell + np.array(corner)) @ strides]
+        return np.exp(total)
+
+    def _grid(self) -> Array:
+        """log f* at the nodes, (n, ..., n)."""
+        k = len(self._parameters)
+        count = min(MOST_NODES, max(2, int(self._plans ** (1 / k) + 1e-9)))
+        axes = np.meshgrid(*[np.linspace(0, 1, count)] * k, indexing="ij")
+        found = self.exact(np.stack(axes, axis=-1).reshape(-1, k))
+        planned = found[np.isfinite(found)]
+        most = LARGE * planned.max() if len(planned) else LARGE
+        return np.log(np.where(np.isfinite(found), found, most)).reshape((count,) * k)

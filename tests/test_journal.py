@@ -1,0 +1,278 @@
+"""The journal: what is read is what was written, by one process at a time, and damage is said."""
+
+import sqlite3
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from robustopt import journal as journal_module
+from robustopt.errors import RunFolderError, RunInUse
+from robustopt.journal import MANUAL, SIMULATION, Execution, Journal
+from robustopt.learning.learner import Belief
+from robustopt.learning.moments import ErrorInterval, Moments
+from robustopt.store import JOURNAL
+
+random = np.random.default_rng(4)
+AWKWARD = (0.1 + 0.2, -0.0, 5e-324, 1.7976931348623157e308, 1 / 3, np.nextafter(1.0, 2.0).item())
+
+
+def numbers(size: int) -> tuple[float, ...]:
+    """Floats of all magnitudes: their bits are random."""
+    bits = random.integers(0, 2**64, size=4 * size, dtype=np.uint64).view(float)
+    return tuple(bits[np.isfinite(bits)][:size].tolist())
+
+
+def bits(values: tuple[float, ...]) -> bytes:
+    return np.array(values).tobytes()
+
+
+BELIEFS = [
+    Belief(),
+    Belief(0.1 + 0.2),
+    Belief(1 / 3, ErrorInterval(AWKWARD, numbers(6), 1.3, 0.125)),
+    Belief(None, ErrorInterval((), (), 2.0)),
+    Belief(parameters=(("contact.friction.upper", 0.7), ("objects.upper.mass", 0.1))),
+]
+
+
+def execution(number: int, success: bool = True, moments: Moments | None = None) -> Execution:
+    moments = moments or Moments(7 * number + 1, numbers(6), numbers(6))
+    if success:
+        return Execution(number, True, "success", "", None, None, moments)
+    return Execution(number, False, "slid", 'a "block", ü', 0.1 + 0.2, 1 / 3, moments)
+
+
+def begun(folder: Path, executor: str = SIMULATION) -> Journal:
+    Journal.create(folder, executor)
+    return Journal.open(folder)
+
+
+def test_everything_reads_back_bit_for_bit_after_the_file_was_closed(tmp_path):
+    journal = begun(tmp_path)
+    written = []
+    for i, belief in enumerate(BELIEFS):
+        duration = None if i == 1 else AWKWARD[i]
+        journal.add_plan(belief, duration)
+        done = [execution(10 * i + k, success=k != 1) for k in range(i)]
+        done += [execution(10 * i + 8, moments=Moments(6, AWKWARD, AWKWARD)), execution(10 * i + 9, False, Moments())]
+        journal.add_executions(1.05 if i == 3 else 1.0, done)
+        written.append((belief, duration, done))
+    journal.close()
+    entries = list(Journal.open(tmp_path).entries())
+    assert len(entries) == len(BELIEFS)
+    for (belief, duration, done), entry in zip(written, entries, strict=True):
+        assert entry.belief == belief
+        assert entry.duration == duration
+        if belief.error is not None:
+            assert entry.belief.error is not None
+            assert bits(entry.belief.error.mean) == bits(belief.error.mean)
+            assert bits(entry.belief.error.deviation) == bits(belief.error.deviation)
+        assert [item for _, item in entry.executions] == done
+        for (speed, found), item in zip(entry.executions, done, strict=True):
+            assert speed == (1.05 if belief is BELIEFS[3] else 1.0)
+            assert bits(found.errors.total) == bits(item.errors.total)
+            assert bits(found.errors.squares) == bits(item.errors.squares)
+            assert found.outcome.success is item.success
+
+
+def test_errors_that_are_not_finite_read_back(tmp_path):
+    journal = begun(tmp_path)
+    journal.add_plan(Belief(0.5), 1.0)
+    journal.add_executions(1.0, [execution(0, moments=Moments(1, (np.inf, -np.inf), (np.nan, 0.0)))])
+    (_, found), *_ = next(journal.entries()).executions
+    assert bits(found.errors.total) == bits((np.inf, -np.inf))
+    assert np.isnan(found.errors.squares[0])
+
+
+def test_fresh_executions_belong_to_their_plan(tmp_path):
+    journal = begun(tmp_path)
+    for mu in (1.0, 0.5):
+        journal.add_plan(Belief(mu), 1.0)
+    journal.add_judgements(0, [execution(5), execution(6, success=False)])
+    journal.add_judgements(1, [execution(5, success=False)])
+    journal.close()
+    journal = Journal.open(tmp_path)
+    assert journal.judgements(0) == {5: (True, "success"), 6: (False, "slid")}
+    assert journal.judgements(1) == {5: (False, "slid")}
+    assert journal.judgements(2) == {}
+
+
+@pytest.mark.parametrize("executor", [SIMULATION, MANUAL])
+def test_it_knows_who_executes(tmp_path, executor):
+    assert begun(tmp_path, executor).executor == executor
+    assert Journal.in_memory().executor == SIMULATION
+
+
+def test_a_batch_is_written_as_a_whole_or_not_at_all(tmp_path):
+    journal = begun(tmp_path)
+    journal.add_plan(Belief(0.5), 1.0)
+    journal.add_executions(1.0, [execution(0)])
+    with pytest.raises(RunFolderError, match="cannot be written: UNIQUE constraint failed"):
+        journal.add_executions(1.0, [execution(1), execution(0)])
+    assert [item.number for _, item in next(journal.entries()).executions] == [0]
+    journal.add_executions(1.0, [execution(1)])
+
+
+HOLD = """
+import sys
+from pathlib import Path
+from robustopt.journal import Journal
+from robustopt.learning.learner import Belief
+journal = Journal.open(Path(sys.argv[1]))
+journal.add_plan(Belief(0.5), 1.0)
+print("held", flush=True)
+sys.stdin.read()
+"""
+
+
+@pytest.fixture
+def holder(tmp_path):
+    """A process that holds the journal in `tmp_path`."""
+    Journal.create(tmp_path)
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(tmp_path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "held\n"
+    yield process
+    process.kill()
+    process.communicate()
+
+
+def test_a_second_process_is_refused_until_the_first_is_gone(tmp_path, holder, monkeypatch):
+    monkeypatch.setattr(journal_module, "PATIENCE", 0.1)
+    for _ in range(2):
+        with pytest.raises(RunInUse, match="another process is at work on this run; expected to be the only one"):
+            Journal.open(tmp_path)
+    holder.kill()
+    holder.wait()
+    assert [entry.belief for entry in Journal.open(tmp_path).entries()] == [Belief(0.5)]
+
+
+def test_an_open_journal_is_held_before_anything_is_written(tmp_path, monkeypatch):
+    monkeypatch.setattr(journal_module, "PATIENCE", 0.1)
+    journal = begun(tmp_path)
+    with pytest.raises(RunInUse):
+        Journal.open(tmp_path)
+    journal.close()
+    Journal.open(tmp_path).close()
+
+
+def filled(folder: Path) -> Path:
+    journal = begun(folder)
+    journal.add_plan(Belief(0.5), 1.0)
+    for k in range(200):
+        journal.add_executions(1.0, [execution(k)])
+    journal.close()
+    return folder / JOURNAL
+
+
+@pytest.mark.parametrize("content", [b"", b"not a database at all, but long enough to be looked at" * 100])
+def test_a_file_that_is_no_journal_is_refused(tmp_path, content):
+    (tmp_path / JOURNAL).write_bytes(content)
+    with pytest.raises(RunFolderError, match="not a journal of robustopt, or damaged"):
+        Journal.open(tmp_path)
+    if content:
+        assert (tmp_path / JOURNAL).read_bytes() == content
+
+
+def test_another_database_is_refused(tmp_path):
+    with sqlite3.connect(tmp_path / JOURNAL) as other:
+        other.execute("CREATE TABLE plans (name TEXT)")
+    other.close()
+    with pytest.raises(RunFolderError, match="not a journal of robustopt"):
+        Journal.open(tmp_path)
+
+
+def test_a_missing_journal_is_not_made(tmp_path):
+    with pytest.raises(RunFolderError, match="no such file"):
+        Journal.open(tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("part", [0.3, 0.6, 0.9])
+def test_a_journal_cut_short_is_damaged(tmp_path, part):
+    path = filled(tmp_path)
+    content = path.read_bytes()
+    path.write_bytes(content[: int(part * len(content))])
+    with pytest.raises(RunFolderError, match="damaged"):
+        Journal.open(tmp_path)
+
+
+def test_pages_that_were_overwritten_are_damage(tmp_path):
+    path = filled(tmp_path)
+    content = bytearray(path.read_bytes())
+    middle = len(content) // 2
+    content[middle : middle + 4096] = bytes(4096)
+    path.write_bytes(content)
+    with pytest.raises(RunFolderError, match="damaged"):
+        Journal.open(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("command", "plan"),
+    [
+        ("UPDATE plans SET belief = '{' WHERE plan = 1", 1),
+        ("UPDATE executions SET total = '[1, \"x' WHERE number = 0", 0),
+        ("UPDATE executions SET total = 'null' WHERE number = 0", 0),
+    ],
+)
+def test_entries_that_make_no_sense_are_damage(tmp_path, command, plan):
+    journal = begun(tmp_path)
+    for k in range(2):
+        journal.add_plan(Belief(0.5), 1.0)
+        journal.add_executions(1.0, [execution(k)])
+    journal.close()
+    with sqlite3.connect(tmp_path / JOURNAL) as other:
+        other.execute(command)
+    other.close()
+    with pytest.raises(RunFolderError, match=f"damaged: plan {plan}"):
+        list(Journal.open(tmp_path).entries())
+
+
+def test_a_full_disk_is_said_and_what_was_written_is_kept(tmp_path):
+    journal = begun(tmp_path)
+    journal.add_plan(Belief(0.5), 1.0)
+    journal.add_executions(1.0, [execution(0)])
+    pages = journal._connection.execute("PRAGMA page_count").fetchone()[0]
+    journal._connection.execute(f"PRAGMA max_page_count = {pages + 1}")
+    many = [execution(k) for k in range(1, 1000)]
+    journal.add_executions(1.0, many[:1])
+    with pytest.raises(RunFolderError, match="cannot be written: database or disk is full"):
+        journal.add_executions(1.0, many[1:])
+    kept = [item.number for _, item in next(journal.entries()).executions]
+    journal.close()
+    assert kept == [0, 1]
+    assert [item.number for _, item in next(Journal.open(tmp_path).entries()).executions] == kept
+
+
+def test_a_folder_that_cannot_be_written_is_said(tmp_path):
+    (tmp_path / JOURNAL).mkdir()
+    with pytest.raises(RunFolderError, match="cannot be written: unable to open database file"):
+        Journal.create(tmp_path)
+
+
+TORN = """
+import os, sqlite3, sys
+connection = sqlite3.connect(sys.argv[1], isolation_level=None)
+connection.execute("PRAGMA cache_size = 1")
+connection.execute("BEGIN")
+for k in range(2000):
+    connection.execute("INSERT INTO judgements VALUES (0, ?, 1, ?)", (k, "x" * 100))
+print(os.path.exists(sys.argv[1] + "-journal"), flush=True)
+os.kill(os.getpid(), 9)
+"""
+
+
+def test_a_transaction_that_a_kill_left_half_written_is_undone(tmp_path):
+    path = filled(tmp_path)
+    before = path.read_bytes()
+    done = subprocess.run([sys.executable, "-c", TORN, str(path)], capture_output=True, text=True)
+    assert (done.stdout, done.returncode) == ("True\n", -9)
+    assert path.read_bytes() != before
+    journal = Journal.open(tmp_path)
+    assert journal.judgements(0) == {}
+    assert len(next(journal.entries()).executions) == 200

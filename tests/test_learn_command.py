@@ -1,0 +1,536 @@
+"""The command `learn`: what it prints and writes, how it is interrupted and continued, and what bad input leads to."""
+
+import csv
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from learning_tasks import remember_plans, task
+
+from robustopt import beliefs, cli, executors, learning_run, report
+from robustopt.config import dump, load_config
+from robustopt.errors import RunFolderError, SolverFailed
+from robustopt.execution import Status
+from robustopt.journal import Journal
+from robustopt.store import JOURNAL, read_summary
+
+TABLES = ("iterations.csv", "executions.csv", "plan.csv")
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch, capsys):
+    """Runs a command in a folder with `task.yaml`: exit code, standard output, standard error; never a traceback."""
+    monkeypatch.chdir(tmp_path)
+    remember_plans(monkeypatch)
+    (tmp_path / "task.yaml").write_text(dump(task("bisection", trials=5)))
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        code = cli.run([str(argument) for argument in arguments])
+        out, err = capsys.readouterr()
+        assert "Traceback" not in out + err
+        return code, out, err
+
+    return call
+
+
+LEARN = ("learn", "task.yaml", "--no-figures")
+
+
+def table(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def same(a: Path, b: Path) -> bool:
+    return all((a / name).read_bytes() == (b / name).read_bytes() for name in TABLES)
+
+
+def begun(*arguments: str) -> list[str]:
+    """A command of another process."""
+    return [sys.executable, "-m", "robustopt.cli", *arguments]
+
+
+def learned_so_far(folder: Path) -> int:
+    """Plans and executions in the journal of a folder, without touching its lock."""
+    journal = Journal.open(folder)
+    entries = list(journal.entries())
+    journal.close()
+    return sum(1 + len(entry.executions) for entry in entries)
+
+
+# A whole run ----------------------------------------------------------------------------------------------
+
+
+def test_a_task_is_learned_into_a_whole_run_folder(run, tmp_path):
+    code, out, err = run("learn", "task.yaml", "--out", "here")
+    assert (code, err) == (0, "")
+    folder = tmp_path / "here"
+    summary, rows = read_summary(folder), table(folder / "iterations.csv")
+    assert summary["kind"] == "learning"
+    assert summary["status"] == "learned"
+    assert [row["friction"] for row in rows[:2]] == ["1.0", "0.5"]
+    assert summary["learning"]["plans"] == len(rows)
+    assert summary["duration"] == min(float(row["duration"]) for row in rows if row["result"] == "success")
+    assert float(table(folder / "plan.csv")[-1]["t"]) == pytest.approx(summary["duration"])
+    told = table(folder / "executions.csv")
+    assert [int(row["execution"]) for row in told] == list(range(summary["learning"]["executions"]))
+    assert (told[0]["status"], told[0]["what"]) == ("slid", "block")
+    assert 0 < float(told[0]["t"]) < float(rows[0]["duration"])
+    assert rows[0]["fresh_trials"] == "5"
+    expected = {"config.yaml", "provenance.json", "plan.csv", "trajectory.csv", "joint_trajectory.json", "figures"}
+    expected |= {"summary.json", "report.html", "journal.db", "iterations.csv", "executions.csv"}
+    assert {path.name for path in folder.iterdir()} == expected
+    figures = {path.name for path in (folder / "figures").iterdir()}
+    assert {"learning.svg", "learning.png", "phase_plane.svg", "contacts.svg"} <= figures
+    page = (folder / "report.html").read_text()
+    assert "Iterations" in page
+    assert page.count("data:image/svg+xml") >= 4
+    assert "test: learned a plan of" in out
+    assert "Rslt" in out
+    assert "Files in here" in out
+
+
+def test_without_a_configuration_it_is_the_papers_task(run, tmp_path):
+    quick = ("solver.method=reachability", "solver.collocation_points=30", "learning.trials=5")
+    code, out, err = run("learn", *quick, "learning.judged=result", "--K", 0.5, "--no-figures")
+    assert (code, err) == (0, "")
+    (folder,) = (tmp_path / "results" / "paper-one-block").iterdir()
+    config = load_config(folder / "config.yaml")
+    assert config.learning is not None
+    assert (config.learning.algorithm, config.learning.K) == ("ilrobs", 0.5)
+    rows = table(folder / "iterations.csv")
+    assert rows[0]["friction"] == "1.0"
+    assert rows[-1]["result"] == "not executed"
+    accepted = [row for row in rows if row["result"] == "success"]
+    assert {row["executions"] for row in accepted} == {"4"}
+    assert "4 successes in a row show" in " ".join(out.split())
+
+
+def test_options_are_short_for_keys(run, tmp_path):
+    code, _, err = run(
+        *LEARN, "--algorithm", "ilrobs", "--K", 0.5, "--seed", 3, "learning.delta=0.3", "--out", "a", "-q"
+    )
+    assert (code, err) == (0, "")
+    config = load_config(tmp_path / "a" / "config.yaml")
+    assert config.learning is not None
+    assert (config.learning.algorithm, config.learning.K, config.learning.delta) == ("ilrobs", 0.5, 0.3)
+    assert config.seed == 3
+
+
+def test_json_and_quiet(run):
+    code, out, err = run(*LEARN, "--out", "a", "--json")
+    data = json.loads(out)
+    assert (code, err, data["status"], data["folder"]) == (0, "", "learned", "a")
+    assert data["learning"]["rows"][0]["friction"] == 1.0
+    assert run(*LEARN, "--out", "b", "--quiet") == (0, "", "")
+
+
+def test_the_same_seed_gives_the_same_files(run, tmp_path):
+    for name in ("a", "b"):
+        assert run(*LEARN, "--out", name, "-q")[0] == 0
+    assert same(tmp_path / "a", tmp_path / "b")
+    assert run(*LEARN, "--seed", 1, "--out", "c", "-q")[0] == 0
+    first = [read_summary(tmp_path / name)["learning"]["rows"][0]["error_mean"] for name in "abc"]
+    assert first[0] == first[1] != first[2]
+
+
+def test_nothing_succeeds(run, tmp_path):
+    code, _, err = run(*LEARN, "learning.friction=[0.8, 1]", "--out", "a", "-q")
+    assert code == 3
+    assert err.startswith("test: no success: No plan ")
+    assert not (tmp_path / "a" / "plan.csv").exists()
+    assert read_summary(tmp_path / "a")["duration"] is None
+    code, _, err = run("execute", "a", "-q")
+    assert code == 2
+    assert "the run has no plan (no success)" in err
+    assert run(*LEARN, "learning.friction=[0.8, 1]", "--resume", "--out", "a", "-q")[0] == 3
+
+
+def test_every_simulation_diverged(run, tmp_path, monkeypatch):
+    execute = executors.execute
+
+    def diverging(*arguments, **options):
+        executions = execute(*arguments, **options)
+        return replace(executions, outcomes=tuple(replace(o, status=Status.DIVERGED) for o in executions.outcomes))
+
+    monkeypatch.setattr(executors, "execute", diverging)
+    assert run(*LEARN, "--out", "a", "-q")[0] == 5
+    assert read_summary(tmp_path / "a")["status"] == "simulation failed"
+    assert run("learn", "--resume", "--out", "a", "-q")[0] == 5
+
+
+# Stored runs ----------------------------------------------------------------------------------------------
+
+
+def test_a_learned_run_is_reported_and_its_plan_executed(run, tmp_path):
+    assert run(*LEARN, "--out", "a", "-q")[0] == 0
+    code, out, _ = run("report", "a")
+    assert code == 0
+    assert "bisection" in out
+    assert "Rslt" in out
+    code, out, _ = run("execute", "a", "--trials", 5, "--out", "b", "--no-figures", "--json")
+    assert code == 0
+    executed = json.loads(out)
+    assert executed["duration"] == read_summary(tmp_path / "a")["duration"]
+    assert executed["success_rate"] == 1.0
+
+
+def test_runs_are_listed_with_their_state(run, tmp_path, interrupted):
+    assert run("runs") == (0, "no runs in results\n", "")
+    assert run(*LEARN, "-q")[0] == 0
+    interrupted("results/test/unfinished")
+    (tmp_path / "results" / "broken").mkdir()
+    (tmp_path / "results" / "broken" / "provenance.json").write_text("{")
+    torn = tmp_path / "results" / "torn"
+    interrupted("results/torn")
+    (torn / JOURNAL).write_bytes(b"x" * 5000)
+    held = Journal.open(tmp_path / "results" / "test" / "unfinished")
+    states = {}
+    for state in ("running", "resumable"):
+        code, out, _ = run("runs", "--json")
+        assert code == 0
+        records = {record["folder"]: record for record in json.loads(out)["runs"]}
+        states[state] = records["results/test/unfinished"]["state"]
+        held.close()
+    assert states == {"running": "running", "resumable": "resumable"}
+    assert records["results/broken"]["state"] == records["results/torn"]["state"] == "damaged"
+    (complete,) = (record for record in records.values() if record["state"] == "complete")
+    assert (complete["kind"], complete["status"], complete["name"]) == ("learning", "learned", "test")
+    code, out, _ = run("runs")
+    assert code == 0
+    assert "resumable" in out
+    assert "learned" in out
+
+
+def test_runs_are_found_above_the_current_folder(run, tmp_path, monkeypatch):
+    assert run(*LEARN, "-q")[0] == 0
+    (tmp_path / ".deep").mkdir()
+    monkeypatch.chdir(tmp_path / ".deep")
+    assert "complete" in run("runs", "..")[1]
+
+
+# Interrupted and continued --------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def interrupted(run, monkeypatch):
+    """Interrupts a run in the place of its k-th call of the simulation."""
+
+    def call(out: str, after: int = 2, *arguments: str) -> tuple[int, str, str]:
+        simulate, calls = executors.Simulated.run, 0
+
+        def stopping(*values):
+            nonlocal calls
+            calls += 1
+            if calls > after:
+                raise KeyboardInterrupt
+            return simulate(*values)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(executors.Simulated, "run", stopping)
+            return run(*LEARN, "--out", out, *arguments)
+
+    return call
+
+
+def test_an_interrupted_run_says_how_to_go_on_and_ends_the_same(run, tmp_path, interrupted):
+    assert run(*LEARN, "--out", "whole", "-q")[0] == 0
+    code, out, err = interrupted("parts")
+    assert (code, out) == (130, "")
+    assert err == "error: interrupted; what was learned is kept: robustopt learn --resume --out parts\n"
+    assert not (tmp_path / "parts" / "summary.json").exists()
+    for command in ("report", "execute"):
+        code, _, err = run(command, "parts")
+        assert (code, err) == (
+            2,
+            "error: parts: unfinished; expected a complete run: robustopt learn --resume --out parts\n",
+        )
+    code, _, err = run(*LEARN, "--out", "parts")
+    assert code == 2
+    assert "holds an unfinished run; continue it with --resume" in err
+    assert run("learn", "--resume", "--out", "parts", "--no-figures", "-q") == (0, "", "")
+    assert same(tmp_path / "whole", tmp_path / "parts")
+
+
+def test_an_interruption_in_json(interrupted):
+    code, out, err = interrupted("parts", 2, "--json")
+    assert (code, err) == (130, "")
+    assert json.loads(out)["error"]["kind"] == "Interrupted"
+
+
+def test_a_complete_run_is_shown_and_stays_as_it_is(run, tmp_path):
+    assert run(*LEARN, "--out", "a", "-q")[0] == 0
+    before = {path: path.stat().st_mtime_ns for path in (tmp_path / "a").iterdir()}
+    for arguments in (("learn",), LEARN):
+        code, out, err = run(*arguments, "--resume", "--out", "a")
+        assert (code, err) == (0, "")
+        assert "test: learned a plan of" in out
+    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "a").iterdir()} == before
+
+
+def test_the_latest_unfinished_run_of_the_same_configuration_is_continued(run, tmp_path, interrupted):
+    for name, *changes in (("first",), ("second", "learning.delta=0.3"), ("third", "learning.delta=0.2")):
+        interrupted(f"results/test/{name}", 2, *changes)
+    code, out, _ = run(*LEARN, "--resume", "--json", "learning.delta=0.3")
+    assert (code, json.loads(out)["folder"]) == (0, "results/test/second")
+    code, out, _ = run(*LEARN, "--resume", "--json")
+    assert (code, json.loads(out)["folder"]) == (0, "results/test/first")
+    code, _, err = run(*LEARN, "--resume", "learning.delta=0.1")
+    assert code == 2
+    assert "results/test/third: was begun with another configuration: learning.delta was 0.2 and is 0.1" in err
+
+
+def test_resume_begins_where_there_is_nothing_to_resume(run, tmp_path):
+    assert run(*LEARN, "--resume", "--out", "new", "-q")[0] == 0
+    assert run(*LEARN, "--resume", "-q")[0] == 0
+    assert len(list((tmp_path / "results" / "test").iterdir())) == 1
+
+
+def test_a_changed_configuration_is_refused_with_the_difference(run, interrupted):
+    interrupted("a")
+    changes = ("--seed", 4, "solver.collocation_points=30", "uncertainty.friction=[0.9, 1.1]", "learning.K_values=[0]")
+    code, out, err = run(*LEARN, "--resume", "--out", "a", *changes)
+    assert (code, out) == (2, "")
+    for difference in (
+        "seed was 0 and is 4",
+        "solver.collocation_points was 20 and is 30",
+        "uncertainty.friction was not given and is [0.9, 1.1]",
+        "learning.K_values was [0.0, 1.0] and is [0.0]",
+    ):
+        assert difference in err
+    assert err.startswith("error: a: was begun with another configuration: ")
+    assert err.endswith("Expected the same one, or a new run\n")
+
+
+def test_files_that_were_changed_are_refused(run, tmp_path, interrupted):
+    interrupted("a")
+    config, origin = tmp_path / "a" / "config.yaml", tmp_path / "a" / "provenance.json"
+    text, known = config.read_text(), origin.read_text()
+    config.write_text(text + "\n")
+    assert "was edited after the run began" in run("learn", "--resume", "--out", "a")[2]
+    config.write_text(text)
+    origin.write_text(known.replace(json.loads(known)["robot_model"]["sha256"], "0" * 64))
+    assert "has changed since the run began" in run("learn", "--resume", "--out", "a")[2]
+    origin.write_text("{}")
+    assert "a: provenance.json or config.yaml cannot be read" in run("learn", "--resume", "--out", "a")[2]
+    origin.write_text(known)
+    config.unlink()
+    assert "a: provenance.json or config.yaml cannot be read" in run("learn", "--resume", "--out", "a")[2]
+    config.write_text(text)
+    assert run("learn", "--resume", "--out", "a", "--no-figures", "-q")[0] == 0
+
+
+def test_a_damaged_journal_is_refused(run, tmp_path, interrupted):
+    interrupted("a")
+    (tmp_path / "a" / JOURNAL).write_bytes(b"x" * 5000)
+    code, _, err = run("learn", "--resume", "--out", "a")
+    assert code == 2
+    assert "not a journal of robustopt, or damaged" in err
+    assert (tmp_path / "a" / JOURNAL).read_bytes() == b"x" * 5000
+
+
+@pytest.mark.parametrize("fails", [OSError(28, "No space left on device"), KeyboardInterrupt()])
+@pytest.mark.parametrize("where", ["write_page", "complete"])
+def test_what_was_half_written_at_the_end_is_written_anew(run, tmp_path, monkeypatch, fails, where):
+    def failing(*_):
+        raise fails
+
+    assert run(*LEARN, "--out", "whole", "-q")[0] == 0
+    with monkeypatch.context() as patch:
+        patch.setattr(report if where == "write_page" else learning_run, where, failing)
+        code, _, err = run("learn", "task.yaml", "--out", "a")
+    if isinstance(fails, OSError):
+        assert code == 2
+        assert err == (
+            "error: a: the run could not be completed: No space left on device; it can be continued by --resume\n"
+        )
+    else:
+        assert code == 130
+    (tmp_path / "a" / "figures" / "phase_plane.svg").write_text("half")
+    (tmp_path / "a" / "iterations.csv").write_text("half")
+    (tmp_path / "a" / ".summary.json.partial").write_text("{")
+    assert run("learn", "--resume", "--out", "a", "--no-figures", "-q") == (0, "", "")
+    assert same(tmp_path / "whole", tmp_path / "a")
+    assert {path.name for path in (tmp_path / "a").iterdir()} == {path.name for path in (tmp_path / "whole").iterdir()}
+
+
+# Two processes, signals -----------------------------------------------------------------------------------
+
+
+def wait_for(folder: Path, process: subprocess.Popen) -> None:
+    """Wait until a run has something in its journal."""
+    for _ in range(1200):
+        if (folder / JOURNAL).is_file() and (folder / JOURNAL).stat().st_size > 40_000:
+            return
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.05)
+    raise AssertionError("nothing was learned")
+
+
+@pytest.fixture
+def long_run(run, tmp_path):
+    """A run that takes for ever, in a process group of its own."""
+    processes = []
+
+    def start(workers: int = 1) -> subprocess.Popen:
+        options = ("learning.trials=1000000", "--workers", str(workers), "--out", "a")
+        process = subprocess.Popen(
+            begun(*LEARN, *options), cwd=tmp_path, start_new_session=True, stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        processes.append(process)
+        wait_for(tmp_path / "a", process)
+        return process
+
+    yield start
+    for process in processes:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+
+
+def test_a_second_process_is_refused(run, tmp_path, long_run):
+    process = long_run()
+    code, out, err = run("learn", "--resume", "--out", "a")
+    assert (code, out) == (2, "")
+    assert err == "error: a: another process is at work on this run; expected to be the only one\n"
+    assert process.poll() is None
+    assert "running" in run("runs", ".")[1]
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_ctrl_c_in_a_terminal_keeps_what_was_learned(tmp_path, long_run, workers):
+    process = long_run(workers)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: all processes of the group
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == 130
+    assert out == ""
+    assert err == "error: interrupted; what was learned is kept: robustopt learn --resume --out a\n"
+    assert learned_so_far(tmp_path / "a") >= 1
+
+
+# Bad input ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("missing.yaml",), "missing.yaml"),
+        (("task.yaml", "--algorithm", "magic"), "learning.algorithm"),
+        (
+            ("task.yaml", "learning.friction=[0.5, 0.2]"),
+            "expected the lowest value first: [0.2, 0.5]",
+        ),
+        (("task.yaml", "learning.nonsense=1"), "learning.nonsense"),
+        (("task.yaml", "objects={}"), "objects: found no objects; expected at least one"),
+        (("task.yaml", "robot.tool=hook"), "robot.tool"),
+        (("task.yaml", "path.joints=[[0],[0]]"), "path.joints"),
+        (("task.yaml", "--K", "9"), "--K"),
+        (("task.yaml", "--executor", "magic"), "--executor"),
+        (("task.yaml", "--workers", "0"), "--workers"),
+        (("task.yaml", "--resume", "--out", "full"), "full: nothing to resume; expected the folder of a run"),
+        (("--resume", "--out", "nowhere"), "nowhere: no run to resume; expected the folder of a run"),
+        (("task.yaml", "--out", "full"), "full: is not empty; expected a new folder"),
+        (("task.yaml", "--out", "task.yaml"), "task.yaml: is a file"),
+    ],
+)
+@pytest.mark.parametrize("json_too", [False, True])
+def test_bad_input_is_one_error_and_leaves_nothing_behind(run, tmp_path, arguments, message, json_too):
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "notes.txt").write_text("keep")
+    code, out, err = run("learn", *arguments, *(["--json"] if json_too else []))
+    assert code == 2
+    told = json.loads(out)["error"]["message"] if json_too else err
+    assert message in told
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["full", "notes.txt", "task.yaml"]
+
+
+def test_an_error_before_anything_is_learned_leaves_nothing_behind(run, tmp_path, monkeypatch):
+    def failing(*_):
+        raise SolverFailed("no plan")
+
+    monkeypatch.setattr(beliefs.Planner, "_make", failing)
+    assert run("learn", "task.yaml")[0] == 4
+    assert [path.name for path in tmp_path.iterdir()] == ["task.yaml"]
+    (tmp_path / "mine").mkdir()
+    assert run("learn", "task.yaml", "--out", "mine/a")[0] == 4
+    assert [path.name for path in tmp_path.rglob("mine*")] == ["mine"]
+
+
+def test_an_error_later_keeps_what_was_learned(run, tmp_path, interrupted, monkeypatch):
+    interrupted("a")
+    known = learned_so_far(tmp_path / "a")
+
+    def failing(*_):
+        raise RunFolderError("disk gone")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Journal, "_write", failing)
+        assert run("learn", "--resume", "--out", "a")[0] == 2
+    assert learned_so_far(tmp_path / "a") == known > 0
+
+
+def test_an_unfinished_run_with_nothing_in_it_is_kept_when_resuming_fails(run, tmp_path, interrupted):
+    interrupted("a", 0)
+    (tmp_path / "a" / "notes.txt").write_text("keep")
+    assert run(*LEARN, "--resume", "--out", "a", "--executor", "manual")[0] == 2
+    assert (tmp_path / "a" / "notes.txt").is_file()
+
+
+def test_help_names_the_commands(run):
+    _, out, _ = run("--help")
+    assert "learn" in out
+    assert "runs" in out
+    assert "--resume" in run("learn", "--help")[1]
+
+
+# Killed at any moment -------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def small(tmp_path) -> tuple[str, ...]:
+    """A task of some seconds, half of them executions."""
+    (tmp_path / "task.yaml").write_text(dump(task("ilrobs", trials=60)))
+    return ("learn", "task.yaml", "--no-figures", "--quiet")
+
+
+@pytest.mark.slow
+def test_killed_at_30_random_moments_it_writes_the_same_tables(tmp_path, small):
+    """Each kill falls into a run of its own or into one that was killed before, and into any part of its work."""
+    start = time.monotonic()
+    subprocess.run(begun(*small, "--out", "whole"), cwd=tmp_path, check=True)
+    whole = time.monotonic() - start
+    moments, folder, kills, compared = random.Random(5), None, 0, 0
+    while kills < 30 or folder is not None:
+        name = folder or f"run{kills}"
+        command = begun(*small, "--resume", "--out", name)
+        process = subprocess.Popen(command, cwd=tmp_path, start_new_session=True, stderr=subprocess.PIPE, text=True)
+        try:
+            if kills < 30:
+                process.wait(moments.uniform(0.0, 1.1 * whole))
+            else:
+                process.wait()
+            assert process.returncode == 0, process.communicate()
+            assert same(tmp_path / "whole", tmp_path / name)
+            assert not list(tmp_path.glob(".*"))
+            compared, folder = compared + 1, None
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.communicate()
+            kills, folder = kills + 1, name
+    assert compared >= 3
+
+
+@pytest.mark.slow
+def test_any_number_of_workers_writes_the_same_tables(tmp_path, small):
+    for workers in ("1", "2"):
+        command = begun(*small, "--K", "2", "--workers", workers, "--out", workers)
+        subprocess.run(command, cwd=tmp_path, check=True)
+    assert same(tmp_path / "1", tmp_path / "2")
