@@ -14,7 +14,6 @@ from robustopt.execution.controller import Reference, gains_of, reference, requi
 from robustopt.execution.feedback import Feedback, feedback_of
 from robustopt.execution.monte_carlo import Job, Workers, run_all
 from robustopt.execution.outcome import Status, TrialOutcome
-from robustopt.execution.scenes import scene_of
 from robustopt.foot_forces import planned_forces
 from robustopt.timescaling import Plan
 from robustopt.timescaling.plan import controls_of
@@ -122,13 +121,14 @@ def prepare(config: Config, plan: Plan, seed: int | None = None, speed: float = 
     _require_usable(trajectory, execution)
     path = trajectory.at_gridpoints().q
     gains = gains_of(config, plan.problem.robot, path)
-    scene = scene_of(config, gains, execution.timestep)
-    model = scene.model(scene.believed)
-    require_stable(model, scene.layout(model), gains, scene.joint_names, path[::CHECKED, scene.driven])
     planned = reference(trajectory, execution.timestep, execution.hold)
     if config.walks:
         planned = _with_torque(planned, plan, speed, execution.timestep)
-    return Job(config, execution, gains, planned, config.seed if seed is None else seed)
+    job = Job(config, execution, gains, planned, config.seed if seed is None else seed)
+    model = job.scene.model(job.scene.believed)
+    layout, checked = job.scene.layout(model), path[::CHECKED, job.scene.driven]
+    require_stable(model, layout, gains, job.scene.joint_names, checked)
+    return job
 
 
 def faster(plan: Plan, speed: float) -> Plan:

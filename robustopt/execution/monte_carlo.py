@@ -9,6 +9,7 @@ import gc
 import os
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -45,6 +46,14 @@ class Job:
     planned: Reference
     seed: int
 
+    @cached_property
+    def scene(self) -> Scene[Any]:
+        """The world of the configuration, built once in each process."""
+        return scene_of(self.config, self.gains, self.execution.timestep)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "scene"}
+
 
 def run_trials(job: Job, trials: Sequence[int], threads: int, workspace: Workspace | None = None) -> list[TrialOutcome]:
     """Run trials by their numbers, all in one chunk."""
@@ -66,7 +75,7 @@ class Prepared:
 def simulate_trials(job: Job, trials: Sequence[int], threads: int, workspace: Workspace) -> tuple[Prepared, Record]:
     """Simulate trials by their numbers."""
     execution, planned = job.execution, job.planned
-    scene = scene_of(job.config, job.gains, execution.timestep)
+    scene = job.scene
     worlds = [true_world(scene.believed, execution.truth, generator(job.seed, k, WORLD)) for k in trials]
     models = [scene.model(world) for world in (worlds if varies(execution.truth) else worlds[:1])]
     model, layout = models[0], scene.layout(models[0])

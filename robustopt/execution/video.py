@@ -16,7 +16,6 @@ from robustopt.errors import SimulationFailed
 from robustopt.execution.disturbance import WORLD, generator
 from robustopt.execution.execute import prepare
 from robustopt.execution.scene import View
-from robustopt.execution.scenes import scene_of
 from robustopt.execution.trace import Trace
 from robustopt.execution.truth import true_world
 from robustopt.timescaling import Plan
@@ -32,7 +31,7 @@ STRIP = 6
 def film(config: Config, plan: Plan, traces: Sequence[Trace], seed: int | None = None) -> list[Image]:
     """Frames of trials side by side, each (HEIGHT, WIDTH * len(traces), 3)."""
     job = prepare(config, plan, seed)
-    scene = scene_of(job.config, job.gains, job.execution.timestep)
+    scene = job.scene
     columns = []
     for trace in traces:
         world = true_world(scene.believed, job.execution.truth, generator(job.seed, trace.outcome.trial, WORLD))
