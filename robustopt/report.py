@@ -105,9 +105,15 @@ def _executions(executions: Mapping[str, Any]) -> list[Row]:
     feedback = executions["feedback"]
     if feedback is not None:
         for kind in ("mean", "deviation"):
-            values = ", ".join(f"{value:.3f}" for value in feedback[kind])
-            lines.append(Row(f"acceleration error {kind}", values))
+            lines.append(Row(f"acceleration error {kind}", _errors(feedback[kind])))
     return lines
+
+
+def _errors(values: Sequence[float]) -> str:
+    """Errors of all coordinates, or their range where there are many."""
+    if len(values) > MOST_LIMITS:
+        return f"{min(values):.3f} to {max(values):.3f} over {len(values)} coordinates"
+    return ", ".join(f"{value:.3f}" for value in values)
 
 
 def _certificate(certificate: Mapping[str, Any]) -> list[Row]:
