@@ -64,9 +64,17 @@ def _fresh(record: Record) -> str:
 
 
 def _parameters(records: Sequence[Record]) -> list[Shown]:
-    """A column for each learned parameter: the entries with a dot in their name, the key of the configuration."""
-    keys = list(dict.fromkeys(key for record in records for key in record if "." in key))
-    return [Shown(_short(key, keys), number(key, ".4g")) for key in keys]
+    """A column for each learned parameter, named by the end of its key in the configuration."""
+    keys = list(dict.fromkeys(key for record in records for key in record.get("parameters") or {}))
+    return [Shown(_short(key, keys), _parameter(key)) for key in keys]
+
+
+def _parameter(key: str) -> Callable[[Record], str]:
+    def text(record: Record) -> str:
+        value = (record.get("parameters") or {}).get(key)
+        return "" if value is None else f"{value:.4g}"
+
+    return text
 
 
 def _short(key: str, keys: Sequence[str]) -> str:

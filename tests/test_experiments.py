@@ -225,3 +225,19 @@ def test_a_contender_reports_its_first_calls_in_a_fresh_process(tmp_path):
         seconds = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
         assert seconds.keys() == {"import", "first", "second"}
         assert min(seconds.values()) > 0
+
+
+def test_the_benchmark_of_learners_writes_every_run_and_its_summary(tmp_path):
+    wanted = ["--dimensions", "2", "--methods", "bnb-midpoint", "random", "--workers", "1"]
+    run("bench_learners.py", tmp_path, "--seeds", "1", *wanted)
+    runs = read(tmp_path / "learners.csv")
+    assert [(r["world"], r["method"]) for r in runs] == [
+        ("quiet", "bnb-midpoint"), ("quiet", "random"), ("noisy", "bnb-midpoint"), ("noisy", "random"),
+    ]  # fmt: skip
+    assert all(float(r["regret_40"]) <= float(r["regret_1"]) for r in runs if r["world"] == "quiet")
+    page = (tmp_path / "learners.md").read_text(encoding="utf-8")
+    assert "| quiet | 2 | bnb-midpoint | 1 |" in page
+    assert (tmp_path / "learners.svg").exists()
+    before = (tmp_path / "learners.csv").read_bytes()
+    run("bench_learners.py", tmp_path, "--seeds", "1", *wanted, "--resume")
+    assert (tmp_path / "learners.csv").read_bytes() == before

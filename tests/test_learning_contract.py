@@ -44,8 +44,8 @@ CASES = {
     "bnb-midpoint, three in a row": Midpoint(parameters=(UPPER, LOWER), cost=cost, executions_per_plan=3),
     "bnb-diagonal": Diagonal(parameters=(UPPER, LOWER), cost=cost, delta=0.2, gap=0.05),
     "bnb-diagonal, few plans": Diagonal(parameters=(UPPER, LOWER, replace(UPPER, key="x")), cost=cost, plans=30),
-    "bnb-informed": Informed(parameters=(UPPER, LOWER), cost=cost, budget=15),
-    "bnb-informed, three in a row": Informed(parameters=(UPPER, LOWER), cost=cost, budget=15, executions_per_plan=3),
+    "bnb-informed": Informed(parameters=(UPPER, LOWER), cost=cost, budget=6),
+    "bnb-informed, three in a row": Informed(parameters=(UPPER, LOWER), cost=cost, budget=6, executions_per_plan=3),
 }
 
 WORLDS = {

@@ -6,8 +6,8 @@ A sample is a margin over the unit cube that grows with every parameter,
 
 a power mean of warped parameters: p far below 0 is the minimum, every parameter must reach its own threshold; p = 1
 lets them make up for each other; p large is the maximum. An execution succeeds with probability Phi(m / sigma), up to
-`LAPSE` for what no margin explains, such as a success below a failure. In a world without noise sigma is the misfit of the
-family, in a noisy world it is a part of the sample.
+`LAPSE` for what no margin explains, such as a success below a failure. In a world without noise sigma is the misfit of
+the family, in a noisy world it is a part of the sample.
 
 Samples are the states of a sequential Monte Carlo sampler: each execution weighs them by its likelihood, and moves that
 leave the posterior as it is (Metropolis, with proposals from differences of samples, and from the prior) spread them

@@ -45,6 +45,9 @@ class BranchAndBound(Learner[BranchState]):
     executed. An incumbent is only what was executed: where nothing else succeeded when the search ends, or when the
     budget leaves one more test, b is tested. If b fails, condition 3 does not hold and no plan is known to succeed.
 
+    A plan is worth a test where it is faster than the incumbent by half of `gap`: with less room between the tests and
+    the bound to be proven, no number of failures would prove it.
+
     It ends when the gap is at most `gap`, when no undecided box has a side over `delta`, or when the budget leaves no
     further test. A belief that turns out to have no plan rules out all that is more conservative, and counts as one of
     the budget.
@@ -161,7 +164,7 @@ class BranchAndBound(Learner[BranchState]):
         untested = incumbent is None and conservative not in state.points
         if untested and left < 2 * self._room:
             return self._testing(state, conservative)
-        cut = self._to_beat(incumbent) / (1 + self.gap)
+        cut = self._to_beat(incumbent) / (1 + self.gap / 2)
         proven = (self._conservative if incumbent is None else incumbent) <= bound * (1 + self.gap)
         point = None if proven else self._propose(state, self.knowledge(state), cut)
         if point is not None:
@@ -182,8 +185,9 @@ class BranchAndBound(Learner[BranchState]):
 
     @cached_property
     def _conservative(self) -> float:
-        """f* of b [s]."""
-        return float(self.map.exact(np.ones((1, self.k)))[0])
+        """f* of b [s]; where b has no plan, against condition 3, the longest duration of the grid."""
+        duration = float(self.map.exact(np.ones((1, self.k)))[0])
+        return duration if np.isfinite(duration) else self.map.longest()
 
     def _testing(self, state: BranchState, point: Point) -> BranchState:
         keys = [parameter.key for parameter in self.parameters]
@@ -197,10 +201,10 @@ class BranchAndBound(Learner[BranchState]):
         """The point of the undecided box that is most worth a test; None without a box.
 
         From the unit cube down, every box is contracted to what is undecided in it, dropped where its optimistic corner
-        costs `cut` or more by the interpolated f* or no side is over `delta`, and split in 2^k at its point where that is decided already. The
-        point is the middle of the box, or of what is undecided of its diagonal, as long as that is more than `FRACTION`
-        of it. The worth of a box is its volume times log(cut / f* of its optimistic corner). Parts are never worth more
-        than the whole, so boxes of less worth than the best point found need no look.
+        costs `cut` or more by the interpolated f* or no side is over `delta`, and split in 2^k at its point where that
+        is decided already. The point is the middle of the box, or of what is undecided of its diagonal, as long as that
+        is more than `FRACTION` of it. The worth of a box is its volume times log(cut / f* of its optimistic corner).
+        Parts are never worth more than the whole, so boxes of less worth than the best point found need no look.
         """
         best, point = 0.0, None
         low, high, worth = self._useful(known, cut, np.zeros((1, self.k)), np.ones((1, self.k)))

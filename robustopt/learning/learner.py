@@ -168,8 +168,8 @@ class Row:
     gap: float | None = None
     contradictions: int | None = None
 
-    def record(self) -> dict[str, float | int | str | bool | Values | None]:
-        """The paper's columns (Table 1) and what stands behind them, as plain values; learned parameters by key."""
+    def record(self) -> dict[str, float | int | str | bool | Values | dict[str, float] | None]:
+        """The paper's columns (Table 1) and what stands behind them, as plain values."""
         trial = self.trial
         error = trial.belief.error or ErrorInterval()
         return {
@@ -191,7 +191,7 @@ class Row:
             "lower_bound": self.lower_bound,
             "gap": self.gap,
             "contradictions": self.contradictions,
-            **dict(trial.belief.parameters),
+            "parameters": dict(trial.belief.parameters),
         }
 
 

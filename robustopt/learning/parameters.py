@@ -71,12 +71,18 @@ class CostMap:
     def __init__(self, parameters: Sequence[Parameter], cost: Cost, plans: int) -> None:
         self._parameters, self._cost, self._plans = tuple(parameters), cost, plans
         self._nodes: Array | None = None
+        self._longest = np.inf
 
     def exact(self, points: Array) -> Array:
         """f* at points (m, k) -> (m,) [s]."""
         if len(points) == 0:
             return np.zeros(0)
         return np.asarray(self._cost(values(self._parameters, points)), dtype=float)
+
+    def longest(self) -> float:
+        """Duration of the longest plan of the grid [s]; inf where it has none."""
+        self.guide(np.zeros((1, len(self._parameters))))
+        return self._longest
 
     def guide(self, points: Array) -> Array:
         """Interpolated f* at points (m, k) -> (m,) [s]; the grid is evaluated at the first call."""
@@ -99,5 +105,6 @@ class CostMap:
         axes = np.meshgrid(*[np.linspace(0, 1, count)] * k, indexing="ij")
         found = self.exact(np.stack(axes, axis=-1).reshape(-1, k))
         planned = found[np.isfinite(found)]
-        most = LARGE * planned.max() if len(planned) else LARGE
+        self._longest = float(planned.max()) if len(planned) else np.inf
+        most = LARGE * min(self._longest, 1e100)
         return np.log(np.where(np.isfinite(found), found, most)).reshape((count,) * k)
