@@ -18,12 +18,13 @@ from robustopt.errors import ConfigError
 from robustopt.execution import Status, execute, monte_carlo
 from robustopt.execution.controller import Gains, Reference, gains_of
 from robustopt.execution.execute import faster, prepare
+from robustopt.execution.footing import LANDING, FootContact, stands, turning
 from robustopt.execution.monte_carlo import Job, run_trials, simulate_trials
 from robustopt.execution.outcome import TrialOutcome
 from robustopt.execution.simulation import Workspace
 from robustopt.execution.trace import trace
 from robustopt.execution.truth import TrueBody, World
-from robustopt.execution.walker_scene import LANDING, FootContact, WalkerScene, _turning, stands
+from robustopt.execution.walker_scene import WalkerScene
 from robustopt.foot_forces import planned_forces
 from robustopt.footsteps import footsteps
 from robustopt.learning.learner import Belief
@@ -268,7 +269,7 @@ def test_rates_of_the_base_are_the_changes_of_its_coordinates(plan):
         mujoco.mju_mulQuat(turned, before[i, 3:7] * [1, -1, -1, -1], after[i, 3:7])
         mujoco.mju_quat2Vel(rate, turned, 2 * h)
         spins[i] = rate
-    assert _turning(walker.qpos(q)[:, 3:7], spins) == pytest.approx(qd[:, 3:6], abs=1e-6)
+    assert turning(walker.qpos(q)[:, 3:7], spins) == pytest.approx(qd[:, 3:6], abs=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from robustopt.config_model import Config
 from robustopt.execution.execute import faster, prepare
 from robustopt.execution.feedback import acceleration_error
+from robustopt.execution.footing import FootContact
 from robustopt.execution.monte_carlo import outcome_of, simulate_trials, tracking_error
 from robustopt.execution.outcome import Motion, TrialOutcome
 from robustopt.execution.simulation import Workspace
-from robustopt.execution.walker_scene import FootContact, WalkerLayout, WalkerScene
+from robustopt.execution.walker_scene import WalkerLayout, WalkerScene
 from robustopt.foot_forces import FootForces, planned_forces
 from robustopt.timescaling import Plan
 

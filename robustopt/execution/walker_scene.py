@@ -1,8 +1,7 @@
 """The simulated world of a robot on its feet: its model with true parameters on a level floor, under its controller.
 
-The contacts are those of the model file, a few spheres under each foot, with the true friction of that foot. A standing
-foot has slipped when one of its contact points that touch the floor has moved; one that has just landed takes up its
-load first. The robot has fallen when its floating base, the trunk, is too far from upright or too low.
+The contacts are those of the model file, a few spheres under each foot, with the true friction of that foot. The feet
+slip or the floating base falls, see `footing`.
 """
 
 from __future__ import annotations
@@ -17,12 +16,12 @@ from robustopt.config_model import BASE_COORDINATES as BASE
 from robustopt.config_model import Config, FailureConfig, TruthConfig
 from robustopt.errors import ConfigError
 from robustopt.execution.controller import Gains, JointLayout, Reference, controls
-from robustopt.execution.feedback import low_passed
+from robustopt.execution.footing import FootContact, foot_motion, stands, trunk_motion, turning
 from robustopt.execution.outcome import Criterion, Motion, Status
 from robustopt.execution.scene import PREFIX, View, add_sky, compiled, set_inertia
 from robustopt.execution.simulation import Record, joint_velocities
 from robustopt.execution.truth import TrueBody, World, believed_friction
-from robustopt.footsteps import Stance, footsteps
+from robustopt.footsteps import footsteps
 from robustopt.robot_model import model_file, read_model
 from robustopt.walker import Walker, load_walker
 
@@ -30,20 +29,11 @@ Array = np.ndarray
 
 FLOOR = PREFIX + "floor"
 
-TOUCHING = 1e-3
-"""A contact point lower than this touches the floor [m]: contacts are soft, and a landing foot is not quite level."""
-
-LANDING = 0.15
-"""Part of a phase for which a foot that has landed may still move: it carries next to nothing (our choice)."""
-
 DISTANCE, AZIMUTH, ELEVATION = 1.8, 110.0, -14.0
 """Place of the camera: from the trunk's path [m], about the vertical and above the horizon [deg]."""
 
 FALLEN = 1 << 20
 """Contact bit of all that touches the floor only when the robot has fallen: everything but the feet."""
-
-LEAST_FORCE = 1e-6
-"""A normal force below this is none [N]."""
 
 CONTACT_FIELDS = (mujoco.mjtConDataField.mjCONDATA_FORCE, mujoco.mjtConDataField.mjCONDATA_TORQUE,
                   mujoco.mjtConDataField.mjCONDATA_POS)  # fmt: skip
@@ -60,33 +50,6 @@ class WalkerLayout(JointLayout):
     """
 
     feet: Mapping[str, int]
-
-
-@dataclass(frozen=True)
-class FootContact:
-    """What the floor does to a foot at the start of each step, low-passed as acceleration errors are, world axes.
-
-    force: (N, 3) [N]; center_of_pressure: where it acts in the plane of the floor (N, 2) [m], nan without a force
-    """
-
-    force: Array
-    center_of_pressure: Array
-
-    @classmethod
-    def of(cls, force: Array, moment: Array, place: Array, timestep: float) -> FootContact:
-        """From force, moment about a place, and that place, (N, 3) each."""
-        whole = moment + np.cross(place, force)
-        force, whole = low_passed(force, timestep), low_passed(whole, timestep)
-        lift = np.where(force[:, 2] > LEAST_FORCE, force[:, 2], np.nan)
-        return cls(force, np.column_stack([-whole[:, 1], whole[:, 0]]) / lift[:, None])
-
-
-@dataclass(frozen=True)
-class Stand:
-    """A time in which a foot stands in one place: from `begin` to `end` in s, or to the end of the trial."""
-
-    begin: float
-    end: float
 
 
 class WalkerScene:
@@ -147,20 +110,19 @@ class WalkerScene:
         qpos = np.vstack([record.start_qpos[i, : BASE + 1], record.qpos[i, :, : BASE + 1]])
         qvel = np.vstack([record.start_qvel[i, :BASE], record.qvel[i, :, :BASE]])
         return np.column_stack(
-            [qvel[:, :3], _turning(qpos[:, 3:], qvel[:, 3:]), joint_velocities(record, layout.dofs, i)]
+            [qvel[:, :3], turning(qpos[:, 3:], qvel[:, 3:]), joint_velocities(record, layout.dofs, i)]
         )
 
     def motions(self, layout: WalkerLayout, planned: Reference, record: Record, i: int) -> dict[str, Motion]:
         """Movement of both feet while they stand, and of the trunk against the plan."""
         motions = {
-            name: self._foot_motion(name, planned.s, record.sensors[i][:, at : at + 7])
+            name: foot_motion(
+                self.walker.feet[name].points, self._stands[name], planned.s, record.sensors[i][:, at : at + 7]
+            )
             for name, at in layout.feet.items()
         }
         qpos = np.vstack([record.start_qpos[i, : BASE + 1], record.qpos[i, :-1, : BASE + 1]])
-        x, y = qpos[:, 4], qpos[:, 5]
-        none = np.full(len(qpos), np.nan)
-        tilt = np.arccos(np.clip(1.0 - 2.0 * (x * x + y * y), -1.0, 1.0))
-        return motions | {self.pushed: Motion(none, tilt, planned.q[:, 2] - qpos[:, 2], none)}
+        return motions | {self.pushed: trunk_motion(planned.q[:, 2], qpos)}
 
     def contacts(self, layout: WalkerLayout, record: Record, i: int) -> dict[str, FootContact]:
         """What the floor does to each foot in a trial."""
@@ -182,24 +144,6 @@ class WalkerScene:
         """A camera that sees the whole way of the robot."""
         middle = np.mean([place for standing in self._places for place in standing.values()], axis=0)
         return View(np.append(middle, float(self.walker.posture[2])), DISTANCE, AZIMUTH, ELEVATION)
-
-    # What happened ----------------------------------------------------------------------------------------
-
-    def _foot_motion(self, name: str, s: Array, poses: Array) -> Motion:
-        """Movement of a foot from the pose of its sole at the start of each step (N, 7); 0 while it does not stand."""
-        corners = poses[:, None, :3] + np.einsum("tij,kj->tki", _rotations(poses[:, 3:]), self.walker.feet[name].points)
-        lowest = corners[:, :, 2].min(axis=1)
-        tilt = np.arccos(np.clip(1.0 - 2.0 * (poses[:, 4] ** 2 + poses[:, 5] ** 2), -1.0, 1.0))
-        slip, standing = np.zeros(len(s)), np.zeros(len(s), dtype=bool)
-        for stand in self._stands[name]:
-            here = np.flatnonzero((s >= stand.begin) & (s <= stand.end))
-            if not len(here):
-                continue
-            moved = np.linalg.norm(corners[here, :, :2] - corners[here[0], :, :2], axis=2)
-            slip[here] = np.where(corners[here, :, 2] < TOUCHING, moved, 0.0).max(axis=1)
-            standing[here] = True
-        none = np.full(len(s), np.nan)
-        return Motion(slip, np.where(standing, tilt, 0.0), none, np.where(standing, lowest, 0.0))
 
     # Parts of the specification ---------------------------------------------------------------------------
 
@@ -244,22 +188,6 @@ class WalkerScene:
                     raise ConfigError(message, key=f"execution.truth.{key}.{name}")
         named = [name for name in names if any(name in values for _, values in given)]
         return {name: TrueBody(*self.walker.inertia_of(name)) for name in named}
-
-
-def stands(stances: Sequence[Stance], feet: Sequence[str]) -> dict[str, list[Stand]]:
-    """When each foot stands: from a little after it has landed until it lifts, or to the end."""
-    found: dict[str, list[Stand]] = {name: [] for name in feet}
-    for name, own in found.items():
-        before = False
-        for stance in stances:
-            stood = name in stance.places
-            if stood and before:
-                own[-1] = Stand(own[-1].begin, stance.end)
-            elif stood:
-                grace = LANDING * (stance.end - stance.begin) if stance.begin > 0 else 0.0
-                own.append(Stand(stance.begin + grace, stance.end))
-            before = stood
-    return found
 
 
 def _set_options(spec: mujoco.MjSpec, timestep: float) -> None:
@@ -329,31 +257,3 @@ def _add_floor_for_pictures(spec: mujoco.MjSpec, places: Sequence[Mapping[str, A
                 type=mujoco.mjtGeom.mjGEOM_BOX, size=[*(0.5 * np.ptp(points, axis=0) - 0.01), 1e-3], pos=[*middle, 0.0],
                 rgba=(0.45 + pale, 0.85, 0.55 + pale, 1.0), contype=0, conaffinity=0, mass=0.0,
             )  # fmt: skip
-
-
-# Turns ----------------------------------------------------------------------------------------------------
-
-
-def _rotations(quaternions: Array) -> Array:
-    """Rotation matrices (N, 3, 3) of unit quaternions w, x, y, z (N, 4)."""
-    w, x, y, z = quaternions.T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), 2, 0)
-
-
-def _turning(quaternions: Array, spin: Array) -> Array:
-    """Rates of the turns about z, y and x (N, 3) from quaternions (N, 4) and angular velocities, body axes (N, 3)."""
-    w, x, y, z = quaternions.T
-    roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))
-    sine, cosine = np.sin(roll), np.cos(roll)
-    yaw_rate = (spin[:, 1] * sine + spin[:, 2] * cosine) / np.maximum(np.cos(pitch), STEEP)
-    return np.column_stack([yaw_rate, spin[:, 1] * cosine - spin[:, 2] * sine, spin[:, 0] + yaw_rate * np.sin(pitch)])
-
-
-STEEP = 1e-6
-"""Keeps the rates of the angles finite where a falling robot lies on its face."""
