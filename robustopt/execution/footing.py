@@ -76,8 +76,8 @@ def stands(stances: Sequence[Stance], feet: Sequence[str]) -> dict[str, list[Sta
 def foot_motion(points: Array, times: Sequence[Stand], s: Array, poses: Array) -> Motion:
     """Movement of a foot while it stands, 0 while it does not.
 
-    points: contact points in the frame of the sole (k, 3) [m]; times: when it stands; s: planned, (N,); poses: position and quaternion of the
-    sole at the start of each step (N, 7)
+    points: contact points in the frame of the sole (k, 3) [m]; times: when it stands; s: planned, (N,); poses: position
+    and quaternion of the sole at the start of each step (N, 7)
     """
     corners = poses[:, None, :3] + np.einsum("tij,kj->tki", _rotations(poses[:, 3:]), points)
     lowest = corners[:, :, 2].min(axis=1)
