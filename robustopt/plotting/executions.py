@@ -41,8 +41,7 @@ def trials_figure(traces: Sequence[Trace], title: str) -> Figure:
         for colour, joint in zip(LIMIT_COLOURS, shown, strict=False):
             name, error = _words(trace.joint_names[joint]), 1e3 * trace.tracking_error[:, joint]
             axes[2, column].plot(trace.t, error, color=colour, linewidth=1.0, label=name)
-        outcome = trace.outcome
-        axes[0, column].set_title(f"trial {outcome.trial}: {outcome.status.value} {_words(outcome.what)}".rstrip())
+        axes[0, column].set_title(_heading(trace))
         axes[2, column].set_xlabel("time [s]")
         for axis in axes[:, column]:
             _mark(axis, trace)
@@ -93,8 +92,7 @@ def foot_contacts_figure(traces: Sequence[Trace], title: str) -> Figure:
     labels = ("normal force [N]", "horizontal / normal force", "centre of pressure, x [m]", "centre of pressure, y [m]")
     for column, trace in enumerate(traces):
         _draw_feet(list(axes[:, column]), trace)
-        outcome = trace.outcome
-        axes[0, column].set_title(f"trial {outcome.trial}: {outcome.status.value} {_words(outcome.what)}".rstrip())
+        axes[0, column].set_title(_heading(trace))
         axes[-1, column].set_xlabel("time [s]")
         for axis in axes[:, column]:
             _mark(axis, trace)
@@ -171,6 +169,12 @@ def _top(traces: Sequence[Trace], kind: str) -> float:
     parts = [getattr(motion, kind)[_sound(trace)] for trace in traces for motion in trace.objects.values()]
     largest = max(float(np.nanmax(part)) for part in parts if np.isfinite(part).any())
     return SHOWN * limit if largest > limit / FAR else SHOWN * max(largest, 1e-9)
+
+
+def _heading(trace: Trace) -> str:
+    outcome = trace.outcome
+    what = f", {_words(outcome.what)}" if outcome.what else ""
+    return f"trial {outcome.trial}: {outcome.status.value}{what}"
 
 
 def _words(name: str) -> str:
