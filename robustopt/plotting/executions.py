@@ -173,7 +173,7 @@ def _top(traces: Sequence[Trace], kind: str) -> float:
 
 def _heading(trace: Trace) -> str:
     outcome = trace.outcome
-    what = f", {_words(outcome.what)}" if outcome.what else ""
+    what = f" {_words(outcome.what)}" if outcome.what else ""
     return f"trial {outcome.trial}: {outcome.status.value}{what}"
 
 
