@@ -18,9 +18,10 @@ from robustopt.confidence import upper_bound
 from robustopt.config import Config
 from robustopt.execution.monte_carlo import CHUNK
 from robustopt.executors import Simulated
-from robustopt.journal import JOURNAL, Journal
+from robustopt.journal import Journal
 from robustopt.learning.learner import Belief
 from robustopt.learning.moments import ErrorInterval
+from robustopt.store import JOURNAL
 
 FRESH = 2_000_000_000
 """Number of the first trial: others than those that learned plans are judged by."""

@@ -58,6 +58,8 @@ LAYERS = [
     ["tables", "plotting"],
     ["report"],
     ["terminal"],
+    ["interruption"],
+    ["commands"],
     ["cli"],
 ]
 """The table of contents of the method: a module imports only from layers above its own, or from its own layer."""

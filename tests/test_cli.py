@@ -13,6 +13,7 @@ import pytest
 from robustopt import __version__, cli, experiment
 from robustopt.config import load_config
 from robustopt.errors import RobustOptError
+from robustopt.interruption import interruptions, on_interrupt
 from robustopt.store import read_summary
 
 ROOT = Path(__file__).parents[1]
@@ -33,6 +34,12 @@ def run(tmp_path, monkeypatch, capsys):
         return code, out, err
 
     return call
+
+
+@pytest.fixture(autouse=True)
+def no_interruptions():
+    yield
+    interruptions.clear()
 
 
 def files(folder: Path) -> set[str]:
@@ -313,10 +320,9 @@ def test_an_interruption_that_a_library_swallows_still_counts(run, tmp_path, mon
 
     def swallowing(problem):
         with pytest.raises(KeyboardInterrupt):
-            cli._on_interrupt(signal.SIGINT, None)
+            on_interrupt(signal.SIGINT, None)
         return honest(problem)
 
-    monkeypatch.setattr(cli, "_interruptions", [])
     monkeypatch.setattr(experiment, "solve", swallowing)
     assert run("plan", WAITER, *SMALL)[0] == 130
     assert list(tmp_path.iterdir()) == []
@@ -328,10 +334,9 @@ def test_an_interrupt_that_an_extension_module_turns_into_another_error_is_an_in
 ):
     def interrupted(problem):
         with pytest.raises(KeyboardInterrupt):
-            cli._on_interrupt(signal.SIGINT, None)
+            on_interrupt(signal.SIGINT, None)
         raise error
 
-    monkeypatch.setattr(cli, "_interruptions", [])
     monkeypatch.setattr(experiment, "solve", interrupted)
     assert run("plan", WAITER, *SMALL)[0] == 130
     assert list(tmp_path.iterdir()) == []
