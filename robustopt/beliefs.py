@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cached_property
 from typing import Any
 
 from robustopt.batch import with_beliefs
@@ -76,6 +75,10 @@ def _acceleration(config: Config, error: ErrorInterval) -> Mapping[str, Any]:
     return values
 
 
+FINER_GRIDS = (1, 2, 4)
+"""Times as many collocation points as configured, in turn: what is violated between them shrinks with their square."""
+
+
 class Planner:
     """Makes the plan of a belief, with its certificate; robot and path are the same for all beliefs.
 
@@ -86,6 +89,7 @@ class Planner:
         self.config = config
         self._certified = certified
         self._latest: tuple[Belief, PlanResult] | None = None
+        self._tracks: dict[int, Track] = {}
 
     def plan(self, belief: Belief) -> PlanResult:
         """The plan of a belief; an infeasible problem is an outcome.
@@ -98,22 +102,32 @@ class Planner:
         return self._latest[1]
 
     def _make(self, belief: Belief) -> PlanResult:
-        config = believing(self.config, belief)
-        plan = solve(rows_along(self._track, config))
-        if plan.status is Status.INFEASIBLE:
-            return PlanResult(config, plan, None, None, {})
-        if plan.status is not Status.SOLVED:
-            raise SolverFailed(f"no plan for {described(belief)}: {plan.message}")
-        if not self._certified:
-            return PlanResult(config, plan, None, None, {})
-        certificate = certify(config, plan, "quick", config.seed)
-        if not certificate.passed:
-            raise SolverFailed(f"the plan for {described(belief)} failed its certificate: {certificate.sentence}")
-        return PlanResult(config, plan, certificate, None, {})
+        """The plan on the configured grid, or, where it leaves a limit between grid points, on a finer one."""
+        for finer in FINER_GRIDS:
+            result = self._on_grid(believing(self._refined(finer), belief), finer)
+            if result.certificate is None or result.certificate.passed:
+                return result
+            if result.certificate.worst.on_grid:
+                break
+        assert result.certificate is not None
+        sentence = result.certificate.sentence
+        raise SolverFailed(f"the plan for {described(belief)} failed its certificate: {sentence}")
 
-    @cached_property
-    def _track(self) -> Track:
-        return track_of(self.config)
+    def _on_grid(self, config: Config, finer: int) -> PlanResult:
+        plan = solve(rows_along(self._track(finer), config))
+        if plan.status not in (Status.SOLVED, Status.INFEASIBLE):
+            raise SolverFailed(f"no plan: {plan.message}")
+        solved = self._certified and plan.status is Status.SOLVED
+        return PlanResult(config, plan, certify(config, plan, "quick", config.seed) if solved else None, None, {})
+
+    def _refined(self, finer: int) -> Config:
+        points = finer * self.config.solver.collocation_points
+        return self.config if finer == 1 else with_values(self.config, {"solver.collocation_points": points})
+
+    def _track(self, finer: int) -> Track:
+        if finer not in self._tracks:
+            self._tracks[finer] = track_of(self._refined(finer))
+        return self._tracks[finer]
 
 
 def described(belief: Belief) -> str:
