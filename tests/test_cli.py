@@ -19,7 +19,6 @@ from robustopt.store import read_summary
 ROOT = Path(__file__).parents[1]
 WAITER = ROOT / "configs" / "waiter_two_blocks.yaml"
 SMALL = ["solver.collocation_points=90", "--no-figures"]
-HELP_SECONDS = 0.4
 
 
 @pytest.fixture
@@ -131,21 +130,16 @@ def test_version(run):
     assert run("--version") == (0, f"robustopt {__version__}\n", "")
 
 
-def test_help_is_quick_and_imports_no_solver():
+def test_help_imports_nothing_heavy():
     program = (
         "import sys; from robustopt import cli\n"
         "code = cli.run(['--help'])\n"
         "heavy = {'casadi', 'mujoco', 'numba', 'matplotlib', 'numpy', 'scipy', 'pandas', 'pydantic', 'rich'}\n"
         "sys.exit(code or sorted(heavy & set(sys.modules)) or None)"
     )
-    seconds = []
-    for _ in range(3):
-        began = time.perf_counter()
-        done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
-        seconds.append(time.perf_counter() - began)
-        assert done.returncode == 0, done.stderr
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
     assert "plan" in done.stdout
-    assert min(seconds) < HELP_SECONDS
 
 
 # Bad input ------------------------------------------------------------------------------------------------
