@@ -14,6 +14,8 @@ import pytest
 from scipy.optimize import linprog
 
 from robustopt.batch import BatchPlanner, with_beliefs
+from robustopt.beliefs import Planner
+from robustopt.beliefs import believing as believing_config
 from robustopt.certificate import certify
 from robustopt.cli import run
 from robustopt.config import load_config, with_values
@@ -21,6 +23,7 @@ from robustopt.config_model import Config
 from robustopt.errors import ConfigError, PathError, RobotError
 from robustopt.foot_forces import planned_forces
 from robustopt.footsteps import footsteps
+from robustopt.learning.learner import Belief
 from robustopt.plotting import figures, house_style
 from robustopt.problem import TimeScalingProblem, build_problem, build_rows
 from robustopt.robot_model import MODELS
@@ -543,3 +546,25 @@ def test_the_planned_torques_make_the_model_walk_without_any_balance(believed: f
     assert abs(data.qpos[2] - goal[2]) < 0.002
     assert data.body("torso").xmat[8] > np.cos(0.01)
     assert (off > 0.01) if slips else (off < 0.002)
+
+
+# Found by learners -----------------------------------------------------------------------------------------
+
+
+def test_forces_that_rounding_errors_keep_from_balancing_are_found_all_the_same() -> None:
+    """Of 77,000 force programs of this plan one stopped 4e-8 short of balance, and counted as impossible."""
+    config = load_config(CONFIG, ["contact.friction={left_foot: 0.142262, right_foot: 0.142262}"])
+    certificate = certify(config, solve(build_problem(config)), "quick", 0)
+    assert certificate.passed
+    assert certificate.margin > -0.01
+
+
+def test_a_learner_plans_on_a_finer_grid_where_limits_are_left_between_points() -> None:
+    config = load_config(CONFIG)
+    belief = Belief(parameters=(("contact.friction.left_foot", 0.1), ("contact.friction.right_foot", 0.1)))
+    coarse = Planner(config, certified=False).plan(belief).plan
+    assert not certify(believing_config(config, belief), coarse, "quick", 0).passed
+    result = Planner(config).plan(belief)
+    assert result.certified
+    assert len(result.plan.s) == 2 * len(coarse.s) - 1
+    assert result.plan.duration == pytest.approx(coarse.duration, rel=0.01)
