@@ -11,6 +11,7 @@ import argparse
 import resource
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import mujoco
@@ -38,9 +39,14 @@ MEMORY = "import sys; sys.path.insert(0, sys.argv[1]); import bench_execution as
 
 def two_blocks() -> Plan:
     """The plan of the two-block task."""
+    return plan_of("waiter_two_blocks", OVERRIDES)
+
+
+def plan_of(name: str, overrides: Sequence[str] = ()) -> Plan:
+    """The plan of a shipped task."""
     from robustopt.problem import build_problem
 
-    return solve(build_problem(load_config(ROOT / "configs" / "waiter_two_blocks.yaml", OVERRIDES)))
+    return solve(build_problem(load_config(ROOT / "configs" / f"{name}.yaml", overrides)))
 
 
 def side_by_side(plan: Plan, repetitions: int) -> tuple[int, dict[str, np.ndarray]]:
@@ -51,7 +57,7 @@ def side_by_side(plan: Plan, repetitions: int) -> tuple[int, dict[str, np.ndarra
     job = Job(config, config.execution, gains_of(config, plan.problem.robot, planned.q[:1]), planned, config.seed)
     trials, workspace, threads = range(CHUNK), Workspace(), cores()
     prepared, record = simulate_trials(job, trials, threads, workspace)
-    model = prepared.builder.model(prepared.worlds[0])
+    model = prepared.scene.model(prepared.worlds[0])
     shape = (CHUNK, len(planned.t), model.nu + 6 * model.nbody)
     control = workspace.array("control", shape).copy()
     data, kind = mujoco.MjData(model), mujoco.mjtState.mjSTATE_FULLPHYSICS
@@ -89,6 +95,8 @@ def report(quick: bool) -> str:
     middle = {name: steps / np.median(times) for name, times in seconds.items()}
     trials = 25 if quick else 100
     whole = interleaved({"all": lambda: execute(plan.problem.config, plan, trials=trials)}, 1 if quick else 3)["all"]
+    stepping = plan_of("humanoid_step")
+    walk = interleaved({"walk": lambda: execute(stepping.problem.config, stepping, trials=1)}, 2 if quick else 9)
     counts = (25, 50) if quick else (100, 2000)
     sizes = [memory(count) for count in counts]
     lines = [
@@ -104,6 +112,8 @@ def report(quick: bool) -> str:
         f"| {best['executor'] / best['bare rollout']:.2f} |",
         "",
         f"{trials} trials, plan at hand: {np.median(whole):.1f} s (best {whole.min():.1f} s).",
+        f"One trial of the humanoid's two steps, plan at hand: {np.median(walk['walk']):.2f} s (best "
+        f"{walk['walk'].min():.2f} s).",
         f"Largest memory: {sizes[0]} MB with {counts[0]:,} trials, {sizes[1]} MB with {counts[1]:,}.",
     ]
     return "\n".join(lines) + "\n"

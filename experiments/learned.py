@@ -16,10 +16,10 @@ from typing import Any
 import robustopt
 from robustopt.campaign import Learned, learn
 from robustopt.config import Config, load_config
-from robustopt.journal import JOURNAL, Journal
+from robustopt.journal import SIMULATION, Journal
 from robustopt.learning_run import begin, complete, result_of, resumed, write_learning_files
 from robustopt.learning_summary import row_record
-from robustopt.store import SUMMARY
+from robustopt.store import JOURNAL, SUMMARY
 from robustopt.tasks import PAPER_TASK
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -69,7 +69,7 @@ def learned(config: Config, name: str, place: Bench) -> Learned:
     """The run of a learner with this name: begun, continued, or, where it is complete, read again."""
     folder = place.work / name
     if not (folder / JOURNAL).is_file():
-        begin(config, folder, ["learn"])
+        begin(config, folder, ["learn"], SIMULATION)
     resumed(folder, config)
     journal = Journal.open(folder)
     try:

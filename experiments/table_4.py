@@ -15,17 +15,20 @@ from robustopt.learning.parameters import Parameter
 from robustopt.tables import Table, write_table
 
 HUMANOID = ROOT / "configs" / "humanoid_step.yaml"
-TRUTH = "execution.truth.friction={left_foot: 0.3, right_foot: 0.15}"
+TRUTH = (
+    "execution.truth.friction={left_foot: 0.3, right_foot: 0.15}",
+    "execution.disturbance.force_deviation=[0, 0, 0]",
+)
 FEET = (Parameter("contact.friction.left_foot", 0.8, 0.08), Parameter("contact.friction.right_foot", 0.8, 0.08))
 
-FRICTIONS = Problem("frictions", HUMANOID, (TRUTH,), FEET, budget=20, side=9, plans=100)
+FRICTIONS = Problem("frictions", HUMANOID, TRUTH, FEET, budget=20, side=9, plans=100)
 WITH_ERROR = Problem(
     "frictions, error",
     HUMANOID,
-    (TRUTH, "execution.truth.center_of_mass={torso: [0.0, 0.03, 0.05]}"),
+    (*TRUTH, "execution.truth.center_of_mass={torso: [0.0, 0.03, 0.05]}"),
     (*FEET, Parameter("uncertainty.base_acceleration", 0.0, 0.6)),
     budget=40,
-    side=7,
+    side=5,
     plans=125,
 )
 

@@ -19,11 +19,9 @@ import numpy as np
 from robustopt.config import Config, with_values
 from robustopt.config_yaml import Key, split_key
 from robustopt.errors import ConfigError
-from robustopt.path import build_path
-from robustopt.problem import TimeScalingProblem, rows_along
-from robustopt.robot import load_robot
+from robustopt.problem import TimeScalingProblem, rows_along, track_of
 from robustopt.timescaling import Plan, solve
-from robustopt.track import Track, build_track
+from robustopt.track import Track
 
 Array = np.ndarray
 Setting = Mapping[str, float | Sequence[float]]
@@ -36,6 +34,7 @@ BELIEFS = (
     "uncertainty.center_of_mass",
     "uncertainty.mass",
     "uncertainty.joint_acceleration",
+    "uncertainty.base_acceleration",
     "tray.mass",
     "tray.center_of_mass",
     "tray.inertia",
@@ -46,7 +45,7 @@ BELIEFS = (
 """Keys, or sections of keys, that may differ between the settings of a batch: they concern neither robot nor path."""
 
 PER_NAME = ("contact.friction", "uncertainty.friction", "uncertainty.contact_points")
-"""Keys with one value for all objects, or one per name."""
+"""Keys with one value for all objects or feet, or one per name."""
 
 
 class BatchPlanner:
@@ -64,8 +63,7 @@ class BatchPlanner:
     @cached_property
     def track(self) -> Track:
         """What all plans share."""
-        robot = load_robot(self.config)
-        return build_track(self.config, robot, build_path(self.config, robot))
+        return track_of(self.config)
 
     def durations(self, settings: Sequence[Setting]) -> Array:
         """Duration of the plan of each setting, (k,) [s]; infinite where there is none. Each is computed once.
@@ -168,8 +166,10 @@ def _written_out(config: Config, key: Key) -> dict[str, Any]:
             result[f"{part}.{place}" if place else part] = interval
     elif part in ("uncertainty.center_of_mass", "uncertainty.mass") and len(inner) > 1 and name not in whole:
         item = config.tray if name == "tray" else config.objects.get(str(name))
-        if item is not None:
-            result[f"{part}.{name}"] = (item.mass,) * 2 if kind == "mass" else (0.0, 0.0, 0.0)
+        if kind == "center_of_mass" and (item is not None or config.walks):
+            result[f"{part}.{name}"] = (0.0, 0.0, 0.0)
+        elif item is not None:
+            result[f"{part}.{name}"] = (item.mass, item.mass)
     return result
 
 

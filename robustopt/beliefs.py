@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cached_property
 from typing import Any
 
 from robustopt.batch import with_beliefs
 from robustopt.certificate import certify
 from robustopt.config import Config, with_values
+from robustopt.config_model import BASE_COORDINATES as BASE
 from robustopt.config_yaml import split_key
 from robustopt.errors import SolverFailed
 from robustopt.experiment import PlanResult
 from robustopt.learning.learner import Belief
 from robustopt.learning.moments import ErrorInterval
-from robustopt.path import build_path
-from robustopt.problem import rows_along
-from robustopt.robot import load_robot
+from robustopt.problem import rows_along, track_of
 from robustopt.timescaling import Status, solve
-from robustopt.track import Track, build_track
+from robustopt.track import Track
 
 
 def believing(config: Config, belief: Belief) -> Config:
@@ -31,7 +29,7 @@ def believing(config: Config, belief: Belief) -> Config:
     if belief.friction is not None:
         values |= {"uncertainty.friction": None, "contact.friction": belief.friction}
     if belief.error is not None:
-        values["uncertainty.joint_acceleration"] = _acceleration(belief.error)
+        values |= _acceleration(config, belief.error)
     config = with_values(config, values) if values else config
     if not belief.parameters:
         return config
@@ -50,30 +48,48 @@ def learned_from(config: Config, keys: Sequence[str]) -> Config:
     if ("contact", "friction") in learned:
         return with_values(config, {"uncertainty.friction": None})
     by_name = intervals if isinstance(intervals, Mapping) else {"default": intervals}
-    named = {name: by_name.get(name, by_name.get("default")) for name in config.objects}
+    named = {name: by_name.get(name, by_name.get("default")) for name in config.interfaces}
     left = {name: bounds for name, bounds in named.items() if bounds and ("contact", "friction", name) not in learned}
     return with_values(config, {"uncertainty.friction": left or None})
 
 
-def _acceleration(error: ErrorInterval) -> Mapping[str, Any] | None:
-    """[U - K Delta, U + K Delta] as the section `uncertainty.joint_acceleration`; one value stands for all joints."""
+def _acceleration(config: Config, error: ErrorInterval) -> Mapping[str, Any]:
+    """[U - K Delta, U + K Delta] as `uncertainty.joint_acceleration`; one value stands for all joints.
+
+    Of a robot on its feet the first six are the base's, whose interval `uncertainty.base_acceleration` lies about 0.
+    """
     if error.is_zero:
-        return None
+        return {"uncertainty.joint_acceleration": None}
     mean, deviation = ([error.share * value for value in values] for values in (error.mean, error.deviation))
+    values: dict[str, Any] = {}
     single = len(mean) == 1
-    return {
+    if config.walks and not single:
+        base = zip(mean[:BASE], deviation[:BASE], strict=True)
+        values["uncertainty.base_acceleration"] = [abs(u) + error.K * d for u, d in base]
+        mean, deviation = mean[BASE:], deviation[BASE:]
+    values["uncertainty.joint_acceleration"] = {
         "mean": mean[0] if single else mean,
         "deviation": deviation[0] if single else deviation,
         "K": error.K,
     }
+    return values
+
+
+FINER_GRIDS = (1, 2, 4)
+"""Times as many collocation points as configured, in turn: what is violated between them shrinks with their square."""
 
 
 class Planner:
-    """Makes the plan of a belief, with its certificate; robot and path are the same for all beliefs."""
+    """Makes the plan of a belief, with its certificate; robot and path are the same for all beliefs.
 
-    def __init__(self, config: Config) -> None:
+    certified: without it plans have no certificate, which is enough for what is compared with them
+    """
+
+    def __init__(self, config: Config, certified: bool = True) -> None:
         self.config = config
+        self._certified = certified
         self._latest: tuple[Belief, PlanResult] | None = None
+        self._tracks: dict[int, Track] = {}
 
     def plan(self, belief: Belief) -> PlanResult:
         """The plan of a belief; an infeasible problem is an outcome.
@@ -81,28 +97,37 @@ class Planner:
         Raises SolverFailed where a plan fails its certificate or the solver stops without an answer, and ConfigError
         where the belief does not fit the configuration.
         """
-        if (
-            self._latest is None or self._latest[0] != belief
-        ):  # the latest alone: plans are large, and made again exactly
+        if self._latest is None or self._latest[0] != belief:  # the latest alone: plans are large, and soon made again
             self._latest = belief, self._make(belief)
         return self._latest[1]
 
     def _make(self, belief: Belief) -> PlanResult:
-        config = believing(self.config, belief)
-        plan = solve(rows_along(self._track, config))
-        if plan.status is Status.INFEASIBLE:
-            return PlanResult(config, plan, None, None, {})
-        if plan.status is not Status.SOLVED:
-            raise SolverFailed(f"no plan for {described(belief)}: {plan.message}")
-        certificate = certify(config, plan, "quick", config.seed)
-        if not certificate.passed:
-            raise SolverFailed(f"the plan for {described(belief)} failed its certificate: {certificate.sentence}")
-        return PlanResult(config, plan, certificate, None, {})
+        """The plan on the configured grid, or, where it leaves a limit between grid points, on a finer one."""
+        for finer in FINER_GRIDS:
+            result = self._on_grid(believing(self._refined(finer), belief), finer)
+            if result.certificate is None or result.certificate.passed:
+                return result
+            if result.certificate.worst.on_grid:
+                break
+        assert result.certificate is not None
+        sentence = result.certificate.sentence
+        raise SolverFailed(f"the plan for {described(belief)} failed its certificate: {sentence}")
 
-    @cached_property
-    def _track(self) -> Track:
-        robot = load_robot(self.config)
-        return build_track(self.config, robot, build_path(self.config, robot))
+    def _on_grid(self, config: Config, finer: int) -> PlanResult:
+        plan = solve(rows_along(self._track(finer), config))
+        if plan.status not in (Status.SOLVED, Status.INFEASIBLE):
+            raise SolverFailed(f"no plan: {plan.message}")
+        solved = self._certified and plan.status is Status.SOLVED
+        return PlanResult(config, plan, certify(config, plan, "quick", config.seed) if solved else None, None, {})
+
+    def _refined(self, finer: int) -> Config:
+        points = finer * self.config.solver.collocation_points
+        return self.config if finer == 1 else with_values(self.config, {"solver.collocation_points": points})
+
+    def _track(self, finer: int) -> Track:
+        if finer not in self._tracks:
+            self._tracks[finer] = track_of(self._refined(finer))
+        return self._tracks[finer]
 
 
 def described(belief: Belief) -> str:

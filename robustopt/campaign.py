@@ -114,7 +114,7 @@ class _Campaign:
     """A learner at work."""
 
     def __init__(self, config: Config, executor: Executor, journal: Journal, progress: Progress | None) -> None:
-        if not config.objects:
+        if not config.interfaces:
             raise ConfigError("found no objects; expected at least one that friction holds", key="objects")
         self.config = config
         self.settings = config.learning or LearningConfig()

@@ -8,21 +8,30 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
-from contextlib import closing, suppress
+from contextlib import suppress
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from robustopt import __version__
-from robustopt.errors import ConfigError, RobustOptError, RunFolderError
-from robustopt.terminal import ask, console, fail, learning_table, print_json, say, show, show_runs, status, trials_bar
+from robustopt.commands import (
+    ExecutionOptions,
+    LearningOptions,
+    execute_new,
+    execute_stored,
+    learn_task,
+    make_plan,
+    print_dry_run,
+)
+from robustopt.errors import ConfigError, RobustOptError
+from robustopt.interruption import INTERRUPTED, Kept, interruptions, on_interrupt
+from robustopt.terminal import fail, print_json, show, show_runs
 
 if TYPE_CHECKING:
     from robustopt.config import Config
 
-INTERRUPTED = 130
 _INTERRUPTED = "interrupted; nothing half-written is left"
 
 app = typer.Typer(
@@ -107,8 +116,8 @@ def plan(
     task = _load(config, changes)
     try:
         if dry_run:
-            return _dry_run(task, json, quiet)
-        return _plan(task, out, certify.value, figures, json, quiet)
+            return print_dry_run(task, json, quiet)
+        return make_plan(task, out, certify.value, figures, json, quiet)
     except ConfigError as error:
         from robustopt.config import located
 
@@ -146,13 +155,13 @@ def execute(
         changes.append(f"execution.trials={trials}")
     if (backend is Backend.dask) != (scheduler is not None):
         raise ConfigError("--backend dask and --scheduler tcp://HOST:PORT go together; found one of them")
-    options = _Execution(speed, workers, scheduler, figures, video, json, quiet)
+    options = ExecutionOptions(speed, workers, scheduler, figures, video, json, quiet)
     if video and sys.platform == "linux" and not os.environ.get("DISPLAY"):
         os.environ.setdefault("MUJOCO_GL", "egl")
     if task.is_dir():
-        return _execute_stored(task, changes, out, options)
+        return execute_stored(task, changes, out, options)
     try:
-        return _execute_new(_load(task, changes), out, options)
+        return execute_new(_load(task, changes), out, options)
     except ConfigError as error:
         from robustopt.config import located
 
@@ -193,14 +202,14 @@ def learn(
     changes += _changes(None, None, seed)
     changes += [] if algorithm is None else [f"learning.algorithm={algorithm}"]
     changes += [] if K is None else [f"learning.K={K}"]
-    options = _Learning(resume, executor, workers, figures, json, quiet)
+    options = LearningOptions(resume, executor, workers, figures, json, quiet)
     if resume and out is not None and path is None and not changes:
-        return _learn(None, out, options)
+        return learn_task(None, out, options)
     from robustopt.tasks import PAPER_TASK
 
     path = path or PAPER_TASK
     try:
-        return _learn(_load(path, changes), out, options)
+        return learn_task(_load(path, changes), out, options)
     except ConfigError as error:
         from robustopt.config import located
 
@@ -258,110 +267,6 @@ def _changes(overrides: Sequence[str] | None, method: Method | None, seed: int |
     return changes
 
 
-def _load(path: Path, overrides: Sequence[str]) -> Config:
-    from robustopt.config import load_config
-
-    return load_config(path, overrides)
-
-
-def _plan(config: Config, out: Path | None, certify: Any, figures: bool, json: bool, quiet: bool) -> int:
-    from robustopt.store import new_run
-
-    with new_run(config.name, out) as run:
-        with status("planning", json or quiet):
-            from robustopt.experiment import plan_task, write_run
-
-            result = plan_task(config, certify)
-            _stop_if_interrupted()
-        with status("writing", json or quiet):
-            from robustopt.report import write_figures_and_page
-
-            data = write_run(result, run.folder, sys.argv[1:])
-            write_figures_and_page(result, data, run.folder, figures)
-            _stop_if_interrupted()
-    show(data, run.place, json, quiet)
-    return result.exit_code
-
-
-class _Execution(NamedTuple):
-    """Options of an execution."""
-
-    speed: float
-    workers: int
-    scheduler: str | None
-    figures: bool
-    video: bool
-    json: bool
-    quiet: bool
-
-
-class _Kept(int):
-    """Exit code of a command that was interrupted and has said itself what it kept."""
-
-
-def _execute_new(config: Config, out: Path | None, options: _Execution) -> int:
-    from robustopt.store import new_run
-
-    silent = options.json or options.quiet
-    with new_run(config.name, out) as run:
-        with status("planning", silent):
-            from robustopt.execution import Workers
-            from robustopt.execution_run import execute_plan, write_execution_run
-            from robustopt.experiment import plan_task, write_run
-            from robustopt.report import write_execution_figures, write_figures_and_page
-
-            planned = plan_task(config)
-            _stop_if_interrupted()
-        if planned.exit_code:
-            data, code = write_run(planned, run.folder, sys.argv[1:]), planned.exit_code
-        else:
-            workers = Workers(options.workers, options.scheduler)
-            with trials_bar(silent) as progress:
-                result = execute_plan(config, planned, options.speed, workers, progress)
-            _interruptions.clear()
-            data, code = write_execution_run(result, run.folder, sys.argv[1:]), result.exit_code
-            write_execution_figures(result, run.folder, options.figures, options.video)
-        write_figures_and_page(planned, data, run.folder, options.figures)
-        _stop_if_interrupted()
-    return _end_execution(data, run.place, code, options)
-
-
-def _execute_stored(folder: Path, changes: Sequence[str], out: Path | None, options: _Execution) -> int:
-    from robustopt.store import new_run, read_summary
-
-    silent = options.json or options.quiet
-    with new_run(str(read_summary(folder)["name"]), out) as run:
-        with trials_bar(silent) as progress:
-            from robustopt.execution import Workers
-            from robustopt.execution_run import execute_stored, write_execution_run
-            from robustopt.report import write_execution_figures, write_page
-
-            workers = Workers(options.workers, options.scheduler)
-            result = execute_stored(folder, changes, options.speed, workers, progress)
-        _interruptions.clear()
-        data = write_execution_run(result, run.folder, sys.argv[1:])
-        write_execution_figures(result, run.folder, options.figures, options.video)
-        write_page(data, run.folder)
-        _stop_if_interrupted()
-    return _end_execution(data, run.place, result.exit_code, options)
-
-
-def _end_execution(data: dict[str, Any], place: Path, code: int, options: _Execution) -> int:
-    show(data, place, options.json, options.quiet)
-    return _Kept(code) if code == INTERRUPTED else code
-
-
-class _Learning(NamedTuple):
-    """Options of a learner's run."""
-
-    resume: bool
-    executor: ExecutorName | None
-    workers: int
-    figures: bool
-    json: bool
-    quiet: bool
-
-
 def _task(arguments: Sequence[str]) -> tuple[Path | None, list[str]]:
     """The configuration file, if one is named, and values for keys."""
     if arguments and ("=" not in arguments[0] or Path(arguments[0]).is_file()):
@@ -369,112 +274,17 @@ def _task(arguments: Sequence[str]) -> tuple[Path | None, list[str]]:
     return None, list(arguments)
 
 
-def _learn(config: Config | None, out: Path | None, options: _Learning) -> int:
-    """Begin or continue a learner's run; config: None for the one that the run was begun with."""
-    from robustopt.learning_run import begin, discard_if_empty, latest_unfinished, resumed
+def _load(path: Path, overrides: Sequence[str]) -> Config:
+    from robustopt.config import load_config
 
-    folder = latest_unfinished(config) if options.resume and config is not None and out is None else out
-    if options.resume and folder is not None and folder.is_dir() and any(folder.iterdir()):
-        return _continue(resumed(folder, config), folder, options)
-    if config is None:
-        raise RunFolderError(f"{out}: no run to resume; expected the folder of a run of `robustopt learn`")
-    folder = begin(config, out, sys.argv[1:], (options.executor or ExecutorName.simulation).value)
-    try:
-        return _continue(config, folder, options)
-    except Exception:
-        discard_if_empty(folder, parents=2 if out is None else 0)
-        raise
-
-
-def _continue(config: Config, folder: Path, options: _Learning) -> int:
-    """Bring a run to its end, or say how it ended where it is complete."""
-    from robustopt.learning_run import exit_code_of
-    from robustopt.store import is_run, read_summary
-
-    if is_run(folder):
-        data = read_summary(folder)
-    else:
-        try:
-            data = _run_learner(config, folder, options)
-        except (Exception, KeyboardInterrupt) as error:
-            if isinstance(error, KeyboardInterrupt) or _interruptions:  # an extension module may raise something else
-                message = f"interrupted; what was learned is kept: robustopt learn --resume --out {folder}"
-                return _Kept(fail("Interrupted", message, INTERRUPTED, options.json))
-            raise
-    show(data, folder, options.json, options.quiet)
-    return exit_code_of(data["status"])
-
-
-def _run_learner(config: Config, folder: Path, options: _Learning) -> dict[str, Any]:
-    """Learn, and write what was learned; the summary."""
-    from robustopt.journal import MANUAL, Journal
-
-    silent = options.json or options.quiet
-    with closing(Journal.open(folder)) as journal:
-        if options.executor not in (None, journal.executor):
-            raise RunFolderError(f"{folder}: was begun with --executor {journal.executor}; expected the same")
-        manual = journal.executor == MANUAL
-        with learning_table(silent or manual) as progress:
-            from robustopt.campaign import learn as run_learner
-            from robustopt.executors import Simulated
-            from robustopt.manual import Manual
-
-            executor = Manual(folder, ask, say) if manual else Simulated(config, options.workers)
-            learned = run_learner(config, executor, journal=journal, progress=progress)
-            _stop_if_interrupted()
-        from robustopt.learning_run import complete, result_of, write_learning_files, writing
-
-        with status("writing", silent), writing(folder):
-            from robustopt.report import write_learning_figures, write_page
-
-            result = result_of(learned, journal)
-            data = write_learning_files(result, folder)
-            if options.figures:
-                write_learning_figures(data, result.planned, folder)
-            write_page(data, folder)
-            _stop_if_interrupted()
-            complete(folder, data)
-    return data
-
-
-def _dry_run(config: Config, json: bool, quiet: bool) -> int:
-    from robustopt.config import dump, resolved
-    from robustopt.experiment import problem_size
-    from robustopt.problem import build_problem
-
-    with status("building the problem", json or quiet):
-        size = problem_size(build_problem(config))
-    if json:
-        print_json({"config": resolved(config), "size": size})
-    elif not quiet:
-        from robustopt.report import print_rows, rows
-
-        print(dump(config), end="")
-        print_rows("Problem", rows(size), console())
-    return 0
-
-
-# Interruption ---------------------------------------------------------------------------------------------
-
-_interruptions: list[int] = []
-
-
-def _on_interrupt(signal_number: int, _frame: object) -> None:
-    _interruptions.append(signal_number)
-    raise KeyboardInterrupt
-
-
-def _stop_if_interrupted() -> None:
-    """Stop where a library has swallowed the KeyboardInterrupt of Ctrl-C, as CasADi does."""
-    if _interruptions:
-        raise KeyboardInterrupt
+    return load_config(path, overrides)
 
 
 # Running --------------------------------------------------------------------------------------------------
 
 
 def _nothing_kept(code: int) -> bool:
-    return code == INTERRUPTED and not isinstance(code, _Kept)
+    return code == INTERRUPTED and not isinstance(code, Kept)
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -484,14 +294,14 @@ def run(arguments: Sequence[str]) -> int:
         code = app(list(arguments), prog_name="robustopt", standalone_mode=False) or 0
         return fail("Interrupted", _INTERRUPTED, code, json) if _nothing_kept(code) else int(code)
     except RobustOptError as error:
-        if _interruptions:
+        if interruptions:
             return fail("Interrupted", _INTERRUPTED, INTERRUPTED, json)
         problems = [vars(problem) for problem in error.problems] if isinstance(error, ConfigError) else []
         return fail(type(error).__name__, str(error), error.exit_code, json, problems)
     except (KeyboardInterrupt, typer.Abort):
         return fail("Interrupted", _INTERRUPTED, INTERRUPTED, json)
     except Exception as error:
-        if _interruptions:  # an extension module whose import or call is interrupted raises something else
+        if interruptions:  # an extension module whose import or call is interrupted raises something else
             return fail("Interrupted", _INTERRUPTED, INTERRUPTED, json)
         message = getattr(error, "format_message", None)
         if message is None:
@@ -506,7 +316,7 @@ def main() -> None:
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, _on_interrupt)
+        signal.signal(number, on_interrupt)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")

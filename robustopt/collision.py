@@ -118,7 +118,7 @@ def _with_load(config: Config, robot: Robot) -> mujoco.MjModel:
     site = spec.site(TRAY_SITE)
     tray = site.parent.add_body(name=f"{PREFIX}tray", pos=site.pos, quat=site.quat)
     solid = {"contype": EVERYTHING, "conaffinity": EVERYTHING}
-    tray.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=np.array(config.tray.size) / 2, **solid)
+    tray.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=np.array(config.carried_tray.size) / 2, **solid)
     for name, placement in placements(config).items():
         shape = config.objects[name]
         half_turn = placement.yaw / 2

@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from robustopt.config_model import Config, ObjectConfig, TrayConfig, TrayPose
+from robustopt.config_model import FEET, Config, ObjectConfig, TrayConfig, TrayPose
 from robustopt.config_yaml import Key, show_key
 from robustopt.geometry import RESOLUTION, supports
 from robustopt.scene_check import check_scene
+from robustopt.step_check import check_steps
 
 Finding = tuple[Key, str]
 """Key of a mistake, and what was found and what would be right."""
@@ -27,17 +28,20 @@ def check(config: Config, names: Collection[str] | None = None) -> Iterator[Find
     """
     names = tuple(config.objects) if names is None else names
     yield from _names(config, names)
+    yield from check_steps(config)
     yield from _path(config)
     yield from _solver(config)
     for name, body in config.objects.items():
         yield from _shape(("objects", name), body)
         yield from _inertia(("objects", name, "inertia"), body)
-    yield from _inertia(("tray", "inertia"), config.tray)
+    if config.tray is not None:
+        yield from _inertia(("tray", "inertia"), config.tray)
     yield from _intervals(config)
     yield from _references(config, names)
     standing = list(_standing(config, names))
     yield from standing
-    if not standing and set(names) == set(config.objects) and not any(_shapes(config)):
+    whole = config.tray is not None and set(names) == set(config.objects)
+    if not standing and whole and not any(_shapes(config)):
         yield from check_scene(config)
 
 
@@ -68,6 +72,8 @@ def _unknown(name: str, valid: Collection[str]) -> str:
 
 def _references(config: Config, names: Collection[str]) -> Iterator[Finding]:
     interfaces, bodies = (*names, "default"), ("tray", *names)
+    if config.walks:  # bodies are those of the robot's model, which is not read yet
+        names, interfaces = FEET, (*FEET, "default")
     uncertain, execution = config.uncertainty, config.execution
     per_name: list[tuple[Key, Any, Collection[str]]] = [
         (("contact", "friction"), config.contact.friction, interfaces),
@@ -88,8 +94,10 @@ def _references(config: Config, names: Collection[str]) -> Iterator[Finding]:
             ((*truth, "variation", "friction"), varied.friction, interfaces),
             ((*truth, "variation", "mass"), varied.mass, bodies),
             ((*truth, "variation", "center_of_mass"), varied.center_of_mass, bodies),
-            (("execution", "disturbance", "on"), {execution.disturbance.on: None}, bodies),
+            (("execution", "disturbance", "on"), {execution.disturbance.on or "tray": None}, bodies),
         ]
+    if config.walks:
+        per_name = [item for item in per_name if item[2] is not bodies]
     for key, values, valid in per_name:
         if not isinstance(values, Mapping):
             continue
@@ -99,7 +107,8 @@ def _references(config: Config, names: Collection[str]) -> Iterator[Finding]:
         if key == ("contact", "friction") and "default" not in values:
             missing = [name for name in names if name not in values]
             if missing:
-                yield key, f"no value for {', '.join(missing)}; expected one for each object, or `default`"
+                each = "foot" if config.walks else "object"
+                yield key, f"no value for {', '.join(missing)}; expected one for each {each}, or `default`"
 
 
 # Path and solver ------------------------------------------------------------------------------------------
@@ -107,9 +116,10 @@ def _references(config: Config, names: Collection[str]) -> Iterator[Finding]:
 
 def _path(config: Config) -> Iterator[Finding]:
     path = config.path
-    if (path.tray_poses is None) == (path.joints is None):
-        given = "neither" if path.joints is None else "both"
-        yield ("path",), f"found {given} of tray_poses and joints; expected exactly one of them"
+    given = [name for name in ("tray_poses", "joints", "steps") if getattr(path, name) is not None]
+    if len(given) != 1:
+        found = f"{'both' if len(given) == 2 else 'all'} of {' and '.join(given)}" if given else "none of them"
+        yield ("path",), f"found {found}; expected exactly one of tray_poses, joints and steps"
         return
     if path.tray_poses is not None:
         key: Key = ("path", "tray_poses")
@@ -236,7 +246,7 @@ def _friction(config: Config) -> Iterator[Finding]:
     by_name = intervals if isinstance(intervals, Mapping) else {"": intervals}
     for name, interval in by_name.items():
         yield from _interval((*base, name) if name else base, interval)
-    for name in config.objects:
+    for name in config.interfaces:
         used = name if name in by_name else "default" if "default" in by_name else ""
         if used not in by_name:
             continue

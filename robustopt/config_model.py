@@ -31,6 +31,12 @@ Vector6 = tuple[Real, Real, Real, Real, Real, Real]
 Acceleration3 = tuple[Acceleration, Acceleration, Acceleration]
 Interval = tuple[Real, Real]
 
+FEET = ("left_foot", "right_foot")
+"""Names of the contacts of a robot on its feet."""
+
+BASE_COORDINATES = 6
+"""Coordinates of the floating base of such a robot: they come before its joints."""
+
 
 class Section(BaseModel):
     """A part of the configuration: immutable, unknown keys are errors, an empty section is all defaults."""
@@ -68,7 +74,8 @@ class Collision(Section):
 
 class RobotConfig(Section):
     model: str = Field(
-        description="name of a shipped robot (tx90l), or an MJCF or URDF file relative to the configuration file"
+        description="name of a shipped robot (tx90l, humanoid), or an MJCF or URDF file relative to the "
+        "configuration file"
     )
     tool: str = Field(default="flange", description="site or body of the model that carries the tray")
     base: Pose = Field(default=Pose(), description="pose of the robot's base in the world")
@@ -151,6 +158,16 @@ class PathTolerance(Section):
     angle: Positive = Field(default=0.001, description="largest angle between the joint path and the tray path [rad]")
 
 
+class StepConfig(Section):
+    foot: Literal["left", "right"] = Field(description="the foot that steps")
+    to: Point2 = Field(description="where the middle of its sole lands on the floor, x and y in the world [m]")
+
+
+class StanceConfig(Section):
+    left: Point2 = Field(description="middle of the left sole on the floor, x and y in the world [m]")
+    right: Point2 = Field(description="middle of the right sole on the floor, x and y in the world [m]")
+
+
 class PathConfig(Section):
     tray_poses: tuple[TrayPose, ...] | None = Field(
         default=None, description="poses of the tray, joined by straight segments"
@@ -167,9 +184,24 @@ class PathConfig(Section):
         default=PathTolerance(),
         description="accuracy of the inverse kinematics between the samples of the tray path",
     )
-    start: tuple[Real, ...] | None = Field(
+    steps: tuple[StepConfig, ...] | None = Field(
+        default=None, description="steps of a robot on its feet, one foot after the other, soles level along x"
+    )
+    start: tuple[Real, ...] | StanceConfig | None = Field(
         default=None,
-        description="joint position near which the inverse kinematics starts; without it the best of many [rad or m]",
+        description="joint position near which the inverse kinematics starts, without it the best of many [rad or m]; "
+        "with steps where the feet stand before the first one [m]",
+    )
+    lift: Length = Field(default=0.05, description="with steps: how high the foot is lifted [m]")
+    inset: Distance = Field(
+        default=0.012,
+        description="with steps: how far inside the middle of the standing foot, towards the other one, the centre of "
+        "mass passes [m]",
+    )
+    pelvis_height: Length | None = Field(
+        default=None,
+        description="with steps: height of the pelvis over the soles; without it that of the model's first keyframe "
+        "[m]",
     )
 
 
@@ -206,6 +238,11 @@ class UncertaintyConfig(Section):
     )
     joint_acceleration: AccelerationError | None = Field(
         default=None, description="error of the executed joint acceleration"
+    )
+    base_acceleration: NonNegative | tuple[NonNegative, ...] = Field(
+        default=0.0,
+        description="with path.steps: largest error of the acceleration of the floating base, one value for all, or "
+        "six: along x, y, z [m/s^2] and about z, y, x [rad/s^2]",
     )
 
 
@@ -244,10 +281,10 @@ class VariationConfig(Section):
         "under it (`default` for the rest)",
     )
     mass: dict[str, NonNegative] = Field(
-        default={}, description="deviation of the mass, by object name or `tray`; the inertia scales with it [kg]"
+        default={}, description="deviation of the mass, by name as in truth.mass; the inertia scales with it [kg]"
     )
     center_of_mass: dict[str, tuple[NonNegative, NonNegative, NonNegative]] = Field(
-        default={}, description="deviation of the centre of mass along x, y, z, by object name or `tray` [m]"
+        default={}, description="deviation of the centre of mass along x, y, z, by name as in truth.mass [m]"
     )
 
 
@@ -258,19 +295,21 @@ class TruthConfig(Section):
         "(`default` for the rest); without it what the planner believes",
     )
     mass: dict[str, Mass] = Field(
-        default={}, description="true mass, which scales the inertia, by object name or `tray` [kg]"
+        default={},
+        description="true mass, which scales the inertia, by name of an object, the `tray` or a body of a robot on its "
+        "feet [kg]",
     )
     center_of_mass: dict[str, Point3] = Field(
-        default={}, description="true centre of mass in the object's (or the tray's) frame, by name [m]"
+        default={}, description="true centre of mass in the frame of the object, the tray or the body, by name [m]"
     )
     inertia: dict[str, Vector3 | Vector6] = Field(
         default={},
-        description="true inertia about the centre of mass, by object name or `tray`, as in objects; it does not "
+        description="true inertia about the centre of mass, by name as in mass, in the form of objects; it does not "
         "scale with the mass [kg m^2]",
     )
     contact_inset: dict[str, Distance] = Field(
         default={},
-        description="how much smaller than its shape the base of an object is on every side, by object name [m]",
+        description="how much smaller than its shape the base of an object, or a foot, is on every side, by name [m]",
     )
     variation: VariationConfig = Field(
         default=VariationConfig(), description="how true values vary from trial to trial about those above"
@@ -287,10 +326,11 @@ class ControllerConfig(Section):
     kd: NonNegative | tuple[NonNegative, ...] | None = Field(
         default=None, description="derivative gain, one value or one per joint [N m s/rad or N s/m]"
     )
-    feedforward: Literal["gravity", "computed_torque"] = Field(
-        default="gravity",
+    feedforward: Literal["gravity", "computed_torque"] | None = Field(
+        default=None,
         description="torque that is added to that of the gains: gravity compensation of arm and tray, or also the "
-        "torque that the planned motion takes with the load that the planner believes",
+        "torque that the planned motion takes with the load that the planner believes; without it the first, for a "
+        "robot on its feet the second, with the planned contact forces",
     )
 
 
@@ -298,7 +338,11 @@ class DisturbanceConfig(Section):
     force_deviation: tuple[NonNegative, NonNegative, NonNegative] = Field(
         default=(0.0, 0.0, 0.0), description="standard deviation of a random force along the world's x, y, z [N]"
     )
-    on: str = Field(default="tray", description="what the force acts on, in its centre of mass: `tray` or an object")
+    on: str | None = Field(
+        default=None,
+        description="what the force acts on, in its centre of mass: `tray` or an object, of a robot on its feet any "
+        "body; without it the tray, or the floating base",
+    )
     hold: Positive = Field(default=0.001, description="time for which a drawn force is held [s]")
     calibration_deviation: NonNegative | tuple[NonNegative, ...] = Field(
         default=0.0,
@@ -320,6 +364,19 @@ class FailureConfig(Section):
     )
     saturation: NonNegative = Field(
         default=0.01, description="a joint torque may stay at its limit for this long without a break [s]"
+    )
+    foot_slip: Positive = Field(
+        default=0.01,
+        description="a standing foot has slipped when one of its contact points has moved this far on the floor [m]",
+    )
+    trunk_tilt: Positive = Field(
+        default=0.7853981633974483,
+        description="a robot on its feet has fallen when its floating base is this far from upright [rad]",
+    )
+    trunk_drop: Positive = Field(
+        default=0.35,
+        lt=1,
+        description="it has also fallen when its base is lower than planned by this part of the planned height",
     )
 
 
@@ -450,12 +507,14 @@ def _empty_mapping(data: Any) -> Any:
 class Config(Section):
     name: str = Field(description="name of the task; the results folder takes it")
     robot: RobotConfig = Field(description="the robot")
-    tray: TrayConfig = Field(description="the tray that the robot carries")
+    tray: TrayConfig | None = Field(
+        default=None, description="the tray that the robot carries; required, but for a robot that steps"
+    )
     objects: Annotated[dict[str, ObjectConfig], BeforeValidator(_empty_mapping)] = Field(
         default={}, description="the objects on the tray, by name"
     )
     contact: ContactConfig = Field(default=ContactConfig(), description="contacts between tray and objects")
-    path: PathConfig = Field(description="the path: exactly one of tray_poses and joints")
+    path: PathConfig = Field(description="the path: exactly one of tray_poses, joints and steps")
     uncertainty: UncertaintyConfig = Field(
         default=UncertaintyConfig(),
         description="intervals that the plan must survive; one replaces the point value, which must lie in it",
@@ -471,3 +530,19 @@ class Config(Section):
     folder: Path = Field(
         default=Path("."), exclude=True, description="folder that relative file names in the configuration refer to"
     )
+
+    @property
+    def walks(self) -> bool:
+        """Whether the robot stands on its feet rather than carrying a tray."""
+        return self.path.steps is not None
+
+    @property
+    def carried_tray(self) -> TrayConfig:
+        """The tray of a robot that carries one."""
+        assert self.tray is not None, "a robot on its feet carries no tray"
+        return self.tray
+
+    @property
+    def interfaces(self) -> tuple[str, ...]:
+        """Names of the contacts whose friction and contact points the planner has beliefs about."""
+        return FEET if self.walks else tuple(self.objects)

@@ -45,6 +45,7 @@ class ContactSystem:
     kinds: which of the names each facet belongs to, (F,)
     names: of the limits the system imposes: (slip, tipping) of one interface, or (balance,) of a bridge
     edges: friction edges per contact point, which are neighbouring columns of the generators
+    interfaces: contacts by the names that the configuration has for their friction
     """
 
     objects: tuple[str, ...]
@@ -55,6 +56,7 @@ class ContactSystem:
     kinds: Array
     names: tuple[str, ...]
     edges: int
+    interfaces: tuple[str, ...]
 
     @property
     def dimension(self) -> int:
@@ -79,7 +81,7 @@ class ContactSystem:
         """Which of the system's names facets or duals (F, d) belong to, shape (F,)."""
         if len(self.names) == 1 or not len(rows):
             return np.zeros(len(rows), dtype=np.int64)
-        return _tips(rows, self.generators, self.edges).astype(np.int64)
+        return tips(rows, self.generators, self.edges).astype(np.int64)
 
 
 def skew(vector: Array) -> Array:
@@ -137,7 +139,7 @@ def _unit_cone(polygon: tuple[tuple[float, float], ...], edges: int) -> UnitCone
     facets = _merge_close(facets[np.sort(first)])
     facets /= -facets[:, 2:3]
     outside = (facets @ generators).max()
-    return None if outside > FACET_TOLERANCE else UnitCone(facets, _tips(facets, generators, edges).astype(np.int64))
+    return None if outside > FACET_TOLERANCE else UnitCone(facets, tips(facets, generators, edges).astype(np.int64))
 
 
 def _merge_close(facets: Array) -> Array:
@@ -177,7 +179,7 @@ def _scaled(cone: UnitCone, polygon: Array, mu: float) -> Array:
     return cone.facets / np.array([mu, mu, 1.0, size, size, mu * size])
 
 
-def _tips(rows: Array, generators: Array, edges: int) -> Array:
+def tips(rows: Array, generators: Array, edges: int) -> Array:
     """Which rows (F, d) are tipping over contact points whose friction edges are neighbouring generators (d, k), (F,).
 
     A row is the power of a motion of the body. Where all friction edges of a contact point lie on it, the motion
@@ -274,6 +276,7 @@ def _system(
         kinds=np.zeros(0, dtype=np.int64) if facets is None else facets[1],
         names=(balance,) if bridges else tuple(interface),
         edges=edges,
+        interfaces=group,
     )
 
 

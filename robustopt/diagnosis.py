@@ -21,6 +21,7 @@ from robustopt.problem import TimeScalingProblem, build_rows
 from robustopt.robot import load_robot
 from robustopt.timescaling import Plan, Status, solve, standstill
 from robustopt.uncertainty import friction
+from robustopt.walker import Walker, load_walker
 
 BISECTIONS = 12
 """Halvings of a remedy's interval: a value is found to 1/4096 of the way to the most generous one."""
@@ -103,7 +104,9 @@ def _for_time(config: Config) -> Config:
 
 def _conflicts(problem: TimeScalingProblem) -> Iterator[tuple[str, ...]]:
     """Sets of limits without a common solution, none of which shares a limit with another."""
-    names = [name for name in problem.limits.names if not name.endswith(" velocity")]
+    unlimited = np.array(problem.robot.joint_names)[np.isinf(problem.robot.limits.torque)]
+    idle = {f"{joint} {kind}" for joint in unlimited for kind in ("acceleration", "torque")}
+    names = [name for name in problem.limits.names if not name.endswith(" velocity") and name not in idle]
     while names and not _solvable(problem.only(names)):
         conflict = _irreducible(problem, names)
         yield tuple(conflict)
@@ -124,12 +127,17 @@ def _told_apart(problem: TimeScalingProblem, conflicts: list[tuple[str, ...]]) -
 
 
 def _irreducible(problem: TimeScalingProblem, names: list[str]) -> list[str]:
-    """A subset of limits in conflict from which none can be dropped."""
-    needed = list(names)
-    for name in names:
-        rest = [other for other in needed if other != name]
+    """A subset of limits in conflict from which none can be dropped: one after the other, but many together where all
+    of them can be dropped, which is the same."""
+    needed, blocks = list(names), [list(names)]
+    while blocks:
+        block = blocks.pop()
+        rest = [name for name in needed if name not in block]
         if not _solvable(problem.only(rest)):
             needed = rest
+        elif len(block) > 1:
+            half = len(block) // 2
+            blocks += [block[half:], block[:half]]
     return needed
 
 
@@ -159,8 +167,10 @@ def _trial(
             config = with_values(problem.config, changes)
         except ConfigError:
             return False
-        arm = load_robot(config) if any(key.startswith("robot.") for key in changes) else problem.robot
-        changed = build_rows(config, arm, problem.path)
+        robot = problem.robot
+        if any(key.startswith("robot.") for key in changes):
+            robot = load_walker(config) if config.walks else load_robot(config)
+        changed = build_rows(config, robot, problem.path)
         return _solvable(changed if limits is None else changed.only(limits))
 
     return works
@@ -204,10 +214,8 @@ def _candidates(problem: TimeScalingProblem, conflict: Collection[str]) -> Itera
                 key, limit = f"robot.limits.{joint}.{quantity}", float(limits[j])
                 yield _Candidate(key, limit, MOST_JOINT_LIMIT * limit, lambda value, key=key: {key: value})  # type: ignore[misc]
     systems = [family.system for family in problem.limits.contacts if set(family.system.names) & set(conflict)]
-    touched = [name for system in systems for name in system.objects]
-    loaded = {body for name in touched for body in carried(config, name)}
-    if any(f"{joint} torque" in conflict for joint in robot.joint_names):
-        loaded = {"tray", *config.objects}
+    touched = [name for system in systems for name in system.interfaces]
+    loaded = _loaded(config, touched, any(f"{joint} torque" in conflict for joint in robot.joint_names))
     if touched:
         yield from _friction_candidates(config, touched)
     yield from _error_candidates(config)
@@ -220,7 +228,7 @@ def _candidates(problem: TimeScalingProblem, conflict: Collection[str]) -> Itera
         yield from _shrinking(f"uncertainty.center_of_mass.{name}", "largest", max(reach), list(reach))
     for name in loaded & set(config.uncertainty.mass):
         low, high = config.uncertainty.mass[name]
-        mass = config.tray.mass if name == "tray" else config.objects[name].mass
+        mass = _mass(problem, name)
 
         def narrowed(width: float, key: str = name, m: float = mass, a: float = low, b: float = high) -> dict[str, Any]:
             share = width / (b - a)
@@ -230,8 +238,27 @@ def _candidates(problem: TimeScalingProblem, conflict: Collection[str]) -> Itera
             yield _Candidate(f"uncertainty.mass.{name}, width", high - low, 0.0, narrowed)
 
 
+def _loaded(config: Config, touched: Collection[str], torque: bool) -> set[str]:
+    """Bodies whose mass and centre of mass bear on the interfaces that are touched, or on joint torques."""
+    if config.walks:
+        return {*config.uncertainty.center_of_mass, *config.uncertainty.mass}
+    if torque:
+        return {"tray", *config.objects}
+    return {body for name in touched for body in carried(config, name)}
+
+
+def _mass(problem: TimeScalingProblem, name: str) -> float:
+    """Mass that the planner believes a body to have [kg]."""
+    if isinstance(problem.robot, Walker):
+        return problem.robot.inertia_of(name)[0]
+    return problem.config.carried_tray.mass if name == "tray" else problem.config.objects[name].mass
+
+
 def _error_candidates(config: Config) -> Iterator[_Candidate]:
-    """The joint acceleration error: its number of deviations, and its mean."""
+    """The joint acceleration error, its number of deviations and its mean, and that of a floating base."""
+    base = config.uncertainty.base_acceleration
+    given = list(base) if isinstance(base, tuple) else base
+    yield from _shrinking("uncertainty.base_acceleration", "largest", float(np.max(base)), given)
     error = config.uncertainty.joint_acceleration
     key = "uncertainty.joint_acceleration"
     if error is not None and error.K > 0 and np.any(np.asarray(error.deviation) > 0):
@@ -260,9 +287,9 @@ def _friction_candidates(config: Config, touched: Collection[str]) -> Iterator[_
     base = "contact.friction" if interval is None else "uncertainty.friction"
     source = config.contact.friction if interval is None else interval
     if not isinstance(source, dict):
-        groups = {base: list(config.objects)}
+        groups = {base: list(config.interfaces)}
     else:
-        rest = [name for name in config.objects if name not in source]
+        rest = [name for name in config.interfaces if name not in source]
         groups = {f"{base}.{name}": [name] for name in touched if name in source}
         if set(rest) & set(touched) and "default" in source:
             groups[f"{base}.default"] = rest
@@ -278,7 +305,7 @@ def _with_friction(config: Config, names: Collection[str], value: float) -> dict
     """Changes that raise the friction under some objects to at least `value`, interval and point value alike."""
     points: dict[str, float] = {}
     intervals: dict[str, list[float]] = {}
-    for name in config.objects:
+    for name in config.interfaces:
         point, interval = _of(config.contact.friction, name), _of(config.uncertainty.friction, name)
         least = value if name in names else 0.0
         if interval is not None:

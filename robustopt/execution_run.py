@@ -245,11 +245,12 @@ def sentence(executions: Executions) -> str:
 def write_executions_csv(outcomes: Sequence[TrialOutcome], path: Path) -> None:
     """Write one line per trial; every number reads back as the same floating point number, nan is left empty."""
     objects = list(outcomes[0].objects) if outcomes else []
+    rubbing = [name for name in objects if name in outcomes[0].friction]
     masses = list(outcomes[0].mass) if outcomes else []
     kinds = ("slip", "tilt", "drop", "lift")
     head = ["trial", "status", "what", "t", "s", "tracking_error", "torque"]
     head += [f"{kind}_{name}" for name in objects for kind in ("status", "t", *kinds)]
-    head += [f"friction_{name}" for name in objects] + [f"mass_{name}" for name in masses]
+    head += [f"friction_{name}" for name in rubbing] + [f"mass_{name}" for name in masses]
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(head)
@@ -258,7 +259,7 @@ def write_executions_csv(outcomes: Sequence[TrialOutcome], path: Path) -> None:
             row += [outcome.tracking_error, outcome.torque]
             for name in objects:
                 row += _object_cells(outcome.objects[name], kinds)
-            row += [outcome.friction[name] for name in objects] + [outcome.mass[name] for name in masses]
+            row += [outcome.friction[name] for name in rubbing] + [outcome.mass[name] for name in masses]
             writer.writerow(["" if isinstance(value, float) and np.isnan(value) else value for value in row])
 
 

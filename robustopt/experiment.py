@@ -83,7 +83,7 @@ def problem_size(problem: TimeScalingProblem) -> dict[str, int]:
         "rows_after_pruning": int(kept),
         "joints": problem.robot.n,
         "objects": len(problem.config.objects),
-        "interfaces": len(patches(problem.config)),
+        "interfaces": len(problem.config.interfaces) if problem.config.walks else len(patches(problem.config)),
         "contact_systems": len(systems),
         "generators": sum(system.generators.shape[1] for system in systems),
     }

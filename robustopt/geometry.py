@@ -192,7 +192,7 @@ _WITHOUT_MASS = {"mass": 1.0, "center_of_mass": (0.0, 0.0, 0.0), "inertia": None
 
 def placements(config: Config) -> dict[str, Placement]:
     """Where each object stands, by name; supports come before what stands on them."""
-    return dict(_placements(config.tray.size, solids(config)))
+    return dict(_placements(config.carried_tray.size, solids(config)))
 
 
 @lru_cache(maxsize=64)
@@ -223,7 +223,7 @@ def footprint(body: ObjectConfig, placement: Placement, points: int) -> Array:
 
 def patches(config: Config) -> tuple[Patch, ...]:
     """Contact patch of every interface, in the order of `placements`; a bridge has two."""
-    return _patches(config.tray.size, solids(config), config.contact.patch_points)
+    return _patches(config.carried_tray.size, solids(config), config.contact.patch_points)
 
 
 @lru_cache(maxsize=64)

@@ -73,8 +73,8 @@ def _file_limits(robot: RobotModel) -> dict[str, np.ndarray]:
         "velocity": _numeric(robot, VELOCITY_NUMERIC, robot.urdf_limits.velocity),
         "acceleration": _numeric(robot, ACCELERATION_NUMERIC, {}),
         "torque": _torque(model),
-        "dry_friction": model.dof_frictionloss.copy(),
-        "viscous_friction": model.dof_damping.copy(),
+        "dry_friction": model.dof_frictionloss[model.jnt_dofadr],
+        "viscous_friction": model.dof_damping[model.jnt_dofadr],
     }
 
 

@@ -33,8 +33,11 @@ class Path:
     """Joint path q(s), s in [0, 1], of K pieces, C2 on each.
 
     `breaks` (K+1,): boundaries of the pieces, from 0 to 1; the robot stops at the inner ones, where the derivative of
-    q may jump. `waypoints` (W,): s of the waypoints of the configuration.
+    q may jump. `waypoints` (W,): s of the waypoints of the configuration. `switches`: s at which the limits change
+    while the robot moves on, which a grid must hold.
     """
+
+    switches = np.zeros(0)
 
     def __init__(self, pieces: Sequence[Spline], breaks: np.ndarray, waypoints: np.ndarray, noun: str) -> None:
         self.breaks = np.array(breaks, dtype=float)

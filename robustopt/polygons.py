@@ -75,7 +75,7 @@ class Loads(NamedTuple):
         middle: Array = np.einsum("pdgk,g->pdk", self.nominal, 0.5 * (self.lowest + self.highest))
         return middle
 
-    def at(self, points: Array) -> Loads:
+    def at(self, points: Array | slice) -> Loads:
         """The loads at some of the grid points."""
         over_points = ("nominal", "terms", "constant", "remainder")
         return self._replace(**{name: getattr(self, name)[points] for name in over_points})
@@ -127,7 +127,42 @@ def _empty(points: int, room: int) -> Polygons:
 
 def cut(polygons: Polygons, family: Family) -> Polygons:
     """Polygons cut with a family of rows. Raises SolverFailed where one would have more than MAX_VERTICES edges."""
-    return _stored(cut_family, polygons, family) if len(family.names) else polygons
+    return _stored(cut_family, polygons, _in_sixes(family)) if len(family.names) else polygons
+
+
+def _in_sixes(family: Family) -> Family:
+    """The family with zeros added to its load, which the compiled loops take six numbers at a time."""
+    missing = -family.B.shape[2] % 6
+    if not missing:
+        return family
+
+    def padded(array: Array) -> Array:
+        return np.pad(array, [(0, 0), (0, missing), *[(0, 0)] * (array.ndim - 2)])
+
+    loads, over_rows = family.loads, ("nominal", "terms", "constant", "remainder")
+    return family._replace(
+        B=np.pad(family.B, [(0, 0), (0, 0), (0, missing)]),
+        loads=loads._replace(**{name: padded(getattr(loads, name)) for name in over_rows}),
+    )
+
+
+def cut_part(polygons: Polygons, family: Family, first: int, last: int) -> Polygons:
+    """Polygons of which those at the grid points `first` to `last`, both included, are cut; all of them if `last` < 0.
+
+    The family is that of all grid points.
+    """
+    if last < 0 or not len(family.names):
+        return cut(polygons, family)
+    part = slice(first, last + 1)
+    inner = cut(Polygons(*(array[part] for array in polygons)), family._replace(loads=family.loads.at(part)))
+    result = _empty(len(polygons.sizes), max(polygons.names.shape[1], inner.names.shape[1]))
+    for array, before, after in zip(result, polygons, inner, strict=True):
+        if array.ndim > 1:
+            array[:, : before.shape[1]] = before
+            array[part, : after.shape[1]] = after
+        else:
+            array[:], array[part] = before, after
+    return result
 
 
 def cut_affine(polygons: Polygons, rows: Array, names: Array) -> Polygons:

@@ -16,11 +16,14 @@ import numpy as np
 from robustopt.config import Config
 from robustopt.contact import contact_systems
 from robustopt.path import Path, build_path
-from robustopt.polygons import Polygons, cut, cut_affine, edge_rows, facet_family, start
+from robustopt.polygons import Polygons, cut_affine, cut_part, edge_rows, facet_family, start
 from robustopt.robot import Robot, load_robot
 from robustopt.rows import ContactFamily, PathMotion, TorqueFamily
-from robustopt.track import Track, build_track
+from robustopt.track import Error, Track, build_track
 from robustopt.uncertainty import acceleration_error, bodies, contact_shift, friction
+from robustopt.walker import Walker, load_walker
+from robustopt.walking import StandingTorque, WalkMotion, walking_families
+from robustopt.walking_path import WalkingPath, build_walking_path
 
 Array = np.ndarray
 
@@ -40,11 +43,11 @@ class Limits:
     torque: joint torque; names: of all rows; x_max: from joint velocity (P,); velocity_name: (P,) index of its joint
     """
 
-    motion: PathMotion
+    motion: PathMotion | WalkMotion
     outline: Polygons
     acceleration: Array
     contacts: tuple[ContactFamily, ...]
-    torque: TorqueFamily
+    torque: TorqueFamily | StandingTorque
     names: tuple[str, ...]
     x_max: Array
     velocity_name: Array
@@ -63,7 +66,7 @@ class TimeScalingProblem:
     """
 
     config: Config
-    robot: Robot
+    robot: Robot | Walker
     path: Path
     s: Array
     piece: Array
@@ -92,6 +95,11 @@ class TimeScalingProblem:
         names = tuple(_name_index(family, rows, self.limits.names) for family, rows in pairs)
         return _with_rows(self, facets, names, self.reference)
 
+    def with_torque(self, torque: StandingTorque) -> TimeScalingProblem:
+        """The same problem of a robot on its feet with other rows of its joint torques."""
+        limits = replace(self.limits, torque=torque)
+        return _with_rows(replace(self, limits=limits), self.facets, self.facet_names, self.reference)
+
     def only(self, names: Collection[str]) -> TimeScalingProblem:
         """The same problem with the limits of the given names alone; joint velocity always stays."""
         return _with_rows(replace(self, kept=frozenset(names)), self.facets, self.facet_names, self.reference)
@@ -107,15 +115,20 @@ class TimeScalingProblem:
         return np.array([self.limits.names[k] in self.kept for k in index], dtype=bool)
 
     def torque_excess(self, u: Array, x: Array, points: Array) -> float:
-        """Largest part of a torque limit by which the exact torque exceeds it, for any value of the parameters.
+        """Largest part of a torque limit by which an arm's exact torque exceeds it, for any value of the parameters.
 
         u, x: (M,); points: (M,) grid point of each
         """
+        assert isinstance(self.limits.torque, TorqueFamily)
         counted = self.counts(np.tile(np.arange(2 * self.robot.n, 3 * self.robot.n), 2))
         return float(self.limits.torque.excess(u, x, points)[:, counted].max(initial=-1.0))
 
     def torques(self, u: Array, x: Array) -> Array:
-        """Nominal joint torque at grid points for (u, x) there, payload and joint friction included, (P, n) [N m]."""
+        """Nominal torque of an arm's joints at grid points for (u, x) there, payload and joint friction included.
+
+        (P, n) [N m]
+        """
+        assert isinstance(self.limits.torque, TorqueFamily)
         columns = []
         for joint in range(self.robot.n):
             coefficients, viscous = self.limits.torque.nominal(joint)
@@ -130,11 +143,19 @@ def build_problem(config: Config) -> TimeScalingProblem:
     Raises ConfigError, RobotError or PathError where the configuration cannot be used. A problem that has no solution
     is no error here: `solve` says so.
     """
+    return rows_along(track_of(config), config)
+
+
+def track_of(config: Config) -> Track:
+    """The track of a configuration. Raises ConfigError, RobotError or PathError where that cannot be used."""
+    if config.walks:
+        walker = load_walker(config)
+        return build_track(config, walker, build_walking_path(config, walker))
     robot = load_robot(config)
-    return build_rows(config, robot, build_path(config, robot))
+    return build_track(config, robot, build_path(config, robot))
 
 
-def build_rows(config: Config, robot: Robot, path: Path) -> TimeScalingProblem:
+def build_rows(config: Config, robot: Robot | Walker, path: Path) -> TimeScalingProblem:
     """The problem of a configuration whose robot and path are at hand."""
     return rows_along(build_track(config, robot, path), config)
 
@@ -156,6 +177,28 @@ def rows_along(track: Track, config: Config) -> TimeScalingProblem:
 
 def _limits(config: Config, track: Track) -> Limits:
     error = acceleration_error(config, track.robot.n)
+    families = _walking_families if isinstance(track.robot, Walker) else _carrying_families
+    contacts, torque = families(config, track, error)
+    return Limits(
+        track.motion, track.outline(error), track.acceleration(error), contacts, torque,
+        _all_names(track.robot, contacts), track.x_max, track.fastest,
+    )  # fmt: skip
+
+
+def _walking_families(
+    config: Config, track: Track, error: Error
+) -> tuple[tuple[ContactFamily, ...], TorqueFamily | StandingTorque]:
+    """Contacts and joint torques of a robot on its feet."""
+    assert isinstance(track.robot, Walker)
+    assert isinstance(track.path, WalkingPath)
+    assert isinstance(track.motion, WalkMotion)
+    return walking_families(config, track.robot, track.path, track.s, track.motion, track.walking_loads(config, error))
+
+
+def _carrying_families(
+    config: Config, track: Track, error: Error
+) -> tuple[tuple[ContactFamily, ...], TorqueFamily | StandingTorque]:
+    """Contacts and joint torques of an arm that carries a tray."""
     everything = bodies(config)
     systems = contact_systems(config, friction(config), contact_shift(config))
     contacts = []
@@ -166,19 +209,15 @@ def _limits(config: Config, track: Track) -> Limits:
         weight = STANDARD_GRAVITY * sum(phi[0] for phi in parameters)
         contacts.append(ContactFamily(centred, track.loads(loaded, centred.points, error), weight))
     payload = track.loads((tuple(everything.values()),), (np.zeros(3),), error)
-    names = _all_names(track.robot, tuple(contacts))
-    return Limits(
-        track.motion, track.outline(error), track.acceleration(error), tuple(contacts), track.torque(payload, error),
-        names, track.x_max, track.fastest,
-    )  # fmt: skip
+    return tuple(contacts), track.torque(payload, error)
 
 
-def _all_names(robot: Robot, contacts: tuple[ContactFamily, ...]) -> tuple[str, ...]:
+def _all_names(robot: Robot | Walker, contacts: tuple[ContactFamily, ...]) -> tuple[str, ...]:
     """Names of all rows: velocity, acceleration and torque per joint, then the limits of the contact systems."""
     names = [f"{joint} {kind}" for kind in ("velocity", "acceleration", "torque") for joint in robot.joint_names]
     for family in contacts:
         names += family.system.names
-    return tuple(names)
+    return tuple(dict.fromkeys(names))
 
 
 def _name_index(family: ContactFamily, rows: Array, names: tuple[str, ...]) -> Array:
@@ -206,9 +245,9 @@ def _with_rows(
     polygons = cut_affine(polygons, limits.acceleration[:, used], (n + joint_names)[used])
     for family, rows, index in zip(limits.contacts, facets, names, strict=True):
         used = counts[index]
-        polygons = cut(polygons, facet_family(rows[used], family.loads, index[used]))
+        polygons = cut_part(polygons, facet_family(rows[used], family.loads, index[used]), family.first, family.last)
     used = counts[2 * n + joint_names]
-    polygons = cut(polygons, limits.torque.family(reference, limits.x_max, used, 2 * n + joint_names))
+    polygons = limits.torque.cut(polygons, reference, limits.x_max, used, 2 * n + joint_names)
     rows, columns = edge_rows(polygons, n, len(limits.names))
     a, b, c = np.ascontiguousarray(np.moveaxis(rows, 2, 0))
     return replace(

@@ -18,7 +18,7 @@ WAYS_OUT = "move the poses, put one between them, mount the tray otherwise, or g
 def start_position(config: Config, robot: Robot) -> np.ndarray | None:
     """`path.start` as an array (n,), or None; raises PathError if it has not one value for each joint."""
     start = config.path.start
-    if start is None:
+    if start is None or not isinstance(start, tuple):
         return None
     if len(start) != robot.n:
         raise PathError(

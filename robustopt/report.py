@@ -27,7 +27,10 @@ PAGE = "report.html"
 LONGEST_HEAD = 13
 """Width of a column in the terminal; a longer head is folded."""
 
-FIGURES = ("learning.svg", "trials.svg", "phase_plane.svg", "contacts.svg", "joints*.svg", "accelerations.svg")
+FIGURES = (
+    "learning.svg", "trials.svg", "foot_contacts.svg", "phase_plane.svg", "feet.svg", "footprints.svg", "contacts.svg",
+    "joints*.svg", "accelerations.svg",
+)  # fmt: skip
 """Figures of the page in their order; what binds is a table of it already."""
 
 _COLOURS = {"solved": "green", "learned": "green", "infeasible": "yellow"}
@@ -102,9 +105,15 @@ def _executions(executions: Mapping[str, Any]) -> list[Row]:
     feedback = executions["feedback"]
     if feedback is not None:
         for kind in ("mean", "deviation"):
-            values = ", ".join(f"{value:.3f}" for value in feedback[kind])
-            lines.append(Row(f"acceleration error {kind}", values))
+            lines.append(Row(f"acceleration error {kind}", _errors(feedback[kind])))
     return lines
+
+
+def _errors(values: Sequence[float]) -> str:
+    """Errors of all coordinates, or their range where there are many."""
+    if len(values) > MOST_LIMITS:
+        return f"{min(values):.3f} to {max(values):.3f} over {len(values)} coordinates"
+    return ", ".join(f"{value:.3f}" for value in values)
 
 
 def _certificate(certificate: Mapping[str, Any]) -> list[Row]:

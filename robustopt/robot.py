@@ -56,7 +56,7 @@ class Robot:
     def __init__(
         self, spec: mujoco.MjSpec, model: mujoco.MjModel, limits: JointLimits, notes: tuple[str, ...] = ()
     ) -> None:
-        _switch_off_all_but_the_links(model)
+        switch_off_all_but_the_links(model)
         self.spec = spec
         self.joint_names = joint_names(model)
         self.n = model.nv
@@ -168,7 +168,7 @@ def load_robot(config: Config) -> Robot:
     return Robot(spec, model, joint_limits(config, robot, joint_names(model)), robot.notes)
 
 
-def _switch_off_all_but_the_links(model: mujoco.MjModel) -> None:
+def switch_off_all_but_the_links(model: mujoco.MjModel) -> None:
     disable = mujoco.mjtDisableBit
     for bit in (disable.mjDSBL_CONSTRAINT, disable.mjDSBL_CONTACT, disable.mjDSBL_DAMPER, disable.mjDSBL_ACTUATION):
         model.opt.disableflags |= int(bit)

@@ -89,7 +89,7 @@ def model_file(config: Config) -> Path:
 def load_model(config: Config) -> RobotModel:
     """The robot of the configuration: base placed, locked joints fixed, tray site attached to the tool."""
     file = model_file(config)
-    spec, limits, notes = _read(file)
+    spec, limits, notes = read_model(file)
     spec.compiler.fusestatic = False
     for key in list(spec.keys):
         spec.delete(key)
@@ -120,7 +120,8 @@ def pose_quaternion(pose: Pose) -> np.ndarray:
     return np.asarray(Rotation.from_euler("xyz", pose.rpy).as_quat(scalar_first=True))
 
 
-def _read(file: Path) -> tuple[mujoco.MjSpec, UrdfLimits, tuple[str, ...]]:
+def read_model(file: Path) -> tuple[mujoco.MjSpec, UrdfLimits, tuple[str, ...]]:
+    """The specification in a file, what MuJoCo does not keep of a URDF, and notes on what was left out."""
     try:
         if is_urdf(file):
             text, limits, notes = read_urdf(file, resolve_package)
@@ -242,6 +243,6 @@ def _attach_tray(spec: mujoco.MjSpec, original: mujoco.MjModel, config: Config, 
     if tool in sites:
         tool_position = original.site(tool).pos
         tool_rotation = Rotation.from_quat(original.site(tool).quat, scalar_first=True)
-    rotation = tool_rotation * Rotation.from_quat(pose_quaternion(config.tray.pose), scalar_first=True)
-    position = tool_position + tool_rotation.apply(config.tray.pose.position)
+    rotation = tool_rotation * Rotation.from_quat(pose_quaternion(config.carried_tray.pose), scalar_first=True)
+    position = tool_position + tool_rotation.apply(config.carried_tray.pose.position)
     body.add_site(name=TRAY_SITE, pos=position, quat=rotation.as_quat(scalar_first=True))

@@ -12,13 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numba as nb
 import numpy as np
 
 from robustopt import polygons
 from robustopt.contact import ContactSystem
-from robustopt.polygons import Family, Loads
+from robustopt.polygons import Family, Loads, Polygons
 from robustopt.robot import ArmDynamics, JointLimits
 from robustopt.uncertainty import Body, regressor, spin_regressor
 
@@ -180,11 +181,18 @@ class ContactFamily:
     """A contact system and its loads along the path.
 
     weight: what the facets of the system are divided by, the weight that it carries in all [N]
+    first, last: grid points at which the contact exists, both included; to the end of the grid if `last` is negative
     """
 
     system: ContactSystem
     loads: Loads
     weight: float
+    first: int = 0
+    last: int = -1
+
+    def holds_at(self, points: Array) -> Array:
+        """Which of the grid points (M,) the contact exists at, (M,)."""
+        return (points >= self.first) & ((points <= self.last) | (self.last < 0))
 
     def wrench(self, points: Array, u: Array, x: Array) -> Array:
         """Required wrenches with every parameter at the middle of its interval, stacked, (M, d) [N, N m].
@@ -219,6 +227,10 @@ class TorqueFamily:
         if not used.all():
             B, base, base_terms = (np.ascontiguousarray(part[:, used]) for part in (B, base, base_terms))
         return Family(B, self.loads, base, base_terms, names[used])
+
+    def cut(self, outline: Polygons, reference: Array, x_top: Array, used: Array, names: Array) -> Polygons:
+        """Polygons cut with the rows that are used, (2n,), each of the names (2n,)."""
+        return polygons.cut(outline, self.family(reference, x_top, used, names))
 
     def base_at(self, reference: Array, x_top: Array) -> Array:
         """Affine base rows with the viscous part linearised, (P, 2n, 3); reference (P,), nan for none."""
@@ -287,12 +299,24 @@ def _changes_sign(q1: Array) -> Array:
     return result
 
 
-def acceleration_rows(motion: PathMotion, limits: JointLimits, middle: Array, radius: Array) -> Array:
+class JointMotion(Protocol):
+    """Motion of the joints along a path: q', q'' (P, n)."""
+
+    @property
+    def q1(self) -> Array: ...
+
+    @property
+    def q2(self) -> Array: ...
+
+
+def acceleration_rows(motion: JointMotion, limits: JointLimits, middle: Array, radius: Array) -> Array:
     """+-(q' u + q'' x + middle) + radius <= limit, divided by the limit, (P, 2n, 3)."""
     rows = np.stack([motion.q1, motion.q2, np.broadcast_to(middle, motion.q1.shape)], axis=2)
     rows = np.concatenate([rows, -rows], axis=1)
-    rows[:, :, 2] += np.r_[radius, radius] - np.r_[limits.acceleration, limits.acceleration]
-    return rows / np.r_[limits.acceleration, limits.acceleration][:, None]
+    rows[:, :, 2] += np.r_[radius, radius]
+    rows /= np.r_[limits.acceleration, limits.acceleration][:, None]
+    rows[:, :, 2] -= 1.0
+    return rows
 
 
 def evaluate(B: Array, loads: Loads, base: Array, base_terms: Array, u: Array, x: Array) -> Array:

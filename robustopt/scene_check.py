@@ -50,7 +50,7 @@ def check_scene(config: Config) -> Iterator[Finding]:
 def _uneven_bridges(config: Config) -> Iterator[Finding]:
     placed = placements(config)
     tops = {name: float(place.position[2] + place.half_height) for name, place in placed.items()}
-    tops["tray"] = 0.5 * config.tray.size[2]
+    tops["tray"] = 0.5 * config.carried_tray.size[2]
     for name, body in config.objects.items():
         heights = [tops[support] for support in supports(body)]
         if max(heights) - min(heights) > LEVEL:
@@ -64,7 +64,7 @@ def _off_support(config: Config, placed: dict[str, Placement], contacts: tuple[P
         if area(patch.polygon) > 0:
             continue
         if patch.support == "tray":
-            x, y = 0.5 * config.tray.size[0], 0.5 * config.tray.size[1]
+            x, y = 0.5 * config.carried_tray.size[0], 0.5 * config.carried_tray.size[1]
             face = f"the tray, which reaches from {-x:g} to {x:g} m in x and from {-y:g} to {y:g} m in y"
         else:
             x, y = placed[patch.support].position[:2]
@@ -137,5 +137,5 @@ def _contact_points(config: Config, contacts: tuple[Patch, ...]) -> Iterator[Fin
 
 
 def _penetration(config: Config) -> Iterator[Finding]:
-    for first, second in overlaps(config.tray.size, solids(config), OUTLINE_POINTS):
+    for first, second in overlaps(config.carried_tray.size, solids(config), OUTLINE_POINTS):
         yield ("objects", second), f"it overlaps with {first}; expected each object in a place of its own"

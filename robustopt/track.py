@@ -20,6 +20,8 @@ from robustopt.polygons import Loads, Polygons, start
 from robustopt.robot import Robot
 from robustopt.rows import PathMotion, TorqueFamily, acceleration_rows, body_loads, path_motion, torque_family
 from robustopt.uncertainty import Body
+from robustopt.walker import Walker
+from robustopt.walking import WalkMotion, walk_motion, walking_loads
 
 Array = np.ndarray
 Error = tuple[Array, Array]
@@ -40,18 +42,18 @@ MOST_KEPT = 16
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """A grid along a path and the motion of robot and tray there.
+    """A grid along a path and the motion of robot and tray, or of a robot on its feet, there.
 
     s: (P,) grid points in [0, 1]; piece: (P,) piece of the path; rest: (P,) where the robot must stand still;
     x_max: (P,) largest x that the joint velocities allow; fastest: (P,) which joint bounds it
     """
 
-    robot: Robot
+    robot: Robot | Walker
     path: Path
     s: Array
     piece: Array
     rest: Array
-    motion: PathMotion
+    motion: PathMotion | WalkMotion
     x_max: Array
     fastest: Array
     _kept: dict[str, dict[Hashable, Any]] = field(default_factory=dict, repr=False)
@@ -64,13 +66,25 @@ class Track:
 
     def loads(self, carried: Sequence[Sequence[Body]], about: Sequence[Array], error: Error) -> Loads:
         """Loads of stacked objects, each of which carries the bodies listed for it: see `body_loads`."""
+        motion = self.motion
+        assert isinstance(motion, PathMotion)
         key = (tuple(map(tuple, carried)), np.concatenate(about).tobytes(), _bytes(error))
-        return self._once("loads", key, lambda: body_loads(self.motion, carried, about, *error))
+        return self._once("loads", key, lambda: body_loads(motion, carried, about, *error))
+
+    def walking_loads(self, config: Config, error: Error) -> Loads:
+        """Load of a robot on its feet with the configured beliefs: see `walking`."""
+        robot, motion = self.robot, self.motion
+        assert isinstance(robot, Walker)
+        assert isinstance(motion, WalkMotion)
+        key = (repr((config.uncertainty.center_of_mass, config.uncertainty.mass)), _bytes(error))
+        return self._once("loads", key, lambda: walking_loads(config, robot, motion, error))
 
     def torque(self, payload: Loads, error: Error) -> TorqueFamily:
         """Joint torque limits with a payload."""
+        motion = self.motion
+        assert isinstance(motion, PathMotion)
         key = (len(payload.constant_group), _bytes(error))
-        family = self._once("torque", key, lambda: torque_family(self.motion, self.robot.limits, payload, *error))
+        family = self._once("torque", key, lambda: torque_family(motion, self.robot.limits, payload, *error))
         return family if family.loads is payload else family.carrying(payload)
 
     def acceleration(self, error: Error) -> Array:
@@ -100,15 +114,21 @@ def _bytes(error: Error) -> bytes:
     return np.concatenate(error).tobytes()
 
 
-def build_track(config: Config, robot: Robot, path: Path) -> Track:
+def build_track(config: Config, robot: Robot | Walker, path: Path) -> Track:
     """The track of a path, with the configured number of intervals."""
     s, piece = gridpoints(path, config.solver.collocation_points)
+    for switch in path.switches:  # the limits on both sides of it hold there
+        s[1 + np.argmin(np.abs(s[1:-1] - switch))] = switch
     rest = np.zeros(len(s), dtype=bool)
     rest[[0, -1]] = True
     doubled = np.flatnonzero(np.diff(s) == 0)
     rest[doubled] = rest[doubled + 1] = True
     q, q1, q2 = (path.evaluate(s, piece, order) for order in (0, 1, 2))
-    motion = path_motion(q1, q2, robot.dynamics(q, q1, q2))
+    motion: PathMotion | WalkMotion
+    if isinstance(robot, Walker):
+        motion = walk_motion(robot, q, q1, q2)
+    else:
+        motion = path_motion(q1, q2, robot.dynamics(q, q1, q2))
     return Track(robot, path, s, piece, rest, motion, *_velocity_bound(q1, robot.limits.velocity))
 
 

@@ -17,6 +17,7 @@ from functools import lru_cache
 import numpy as np
 
 from robustopt.config import Config, ObjectConfig, TrayConfig
+from robustopt.config_model import BASE_COORDINATES
 from robustopt.contact import skew
 from robustopt.errors import ConfigError
 from robustopt.geometry import placements
@@ -52,7 +53,7 @@ class Body:
 def bodies(config: Config) -> dict[str, Body]:
     """The tray (under the name `tray`) and every object, by name."""
     placed = placements(config)
-    items: dict[str, TrayConfig | ObjectConfig] = {"tray": config.tray, **config.objects}
+    items: dict[str, TrayConfig | ObjectConfig] = {"tray": config.carried_tray, **config.objects}
     result = {}
     for name, item in items.items():
         position, yaw = (0.0, 0.0, 0.0), 0.0
@@ -65,10 +66,10 @@ def bodies(config: Config) -> dict[str, Body]:
 
 
 def friction(config: Config) -> dict[str, float]:
-    """The smallest believed coefficient of friction under each object: less friction is always worse."""
+    """The smallest believed coefficient of friction under each object, or each foot: less friction is always worse."""
     point, interval = config.contact.friction, config.uncertainty.friction
     values = {}
-    for name in config.objects:
+    for name in config.interfaces:
         value = point.get(name, point.get("default", np.nan)) if isinstance(point, dict) else point
         bounds = interval.get(name, interval.get("default")) if isinstance(interval, dict) else interval
         values[name] = bounds[0] if bounds is not None else value
@@ -76,19 +77,26 @@ def friction(config: Config) -> dict[str, float]:
 
 
 def contact_shift(config: Config) -> dict[str, float]:
-    """How far each contact point under an object may lie from its place along x and y [m]."""
+    """How far each contact point under an object, or a foot, may lie from its place along x and y [m]."""
     shift = config.uncertainty.contact_points
     if isinstance(shift, dict):
-        return {name: shift.get(name, shift.get("default", 0.0)) for name in config.objects}
-    return dict.fromkeys(config.objects, shift or 0.0)
+        return {name: shift.get(name, shift.get("default", 0.0)) for name in config.interfaces}
+    return dict.fromkeys(config.interfaces, shift or 0.0)
 
 
 def acceleration_error(config: Config, joints: int) -> tuple[Array, Array]:
-    """Middle and half-width of the interval of joint acceleration error, U and K D (paper eq. 9), (n,) [rad/s^2]."""
-    error = config.uncertainty.joint_acceleration
-    if error is None:
-        return np.zeros(joints), np.zeros(joints)
-    return _per_joint("mean", error.mean, joints), error.K * _per_joint("deviation", error.deviation, joints)
+    """Middle and half-width of the interval of joint acceleration error, U and K D (paper eq. 9), (n,) [rad/s^2].
+
+    The first joints of a robot on its feet are the coordinates of its base, which has an error of its own.
+    """
+    error, base = config.uncertainty.joint_acceleration, BASE_COORDINATES if config.walks else 0
+    middle, radius = np.zeros(joints), np.zeros(joints)
+    if config.walks:
+        radius[:base] = config.uncertainty.base_acceleration
+    if error is not None:
+        middle[base:] = _per_joint("mean", error.mean, joints - base)
+        radius[base:] = error.K * _per_joint("deviation", error.deviation, joints - base)
+    return middle, radius
 
 
 def _per_joint(name: str, given: float | tuple[float, ...], joints: int) -> Array:
@@ -114,7 +122,12 @@ def _body(
     turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
     inertia = turn @ (inertia_matrix(item) / item.mass) @ turn.T
     arm = np.array(position) + turn @ np.array(item.center_of_mass)
-    reaches = turn * np.array(reach)
+    return uncertain_body(name, mass, arm, inertia, turn * np.array(reach))
+
+
+def uncertain_body(name: str, mass: tuple[float, float], arm: Array, inertia: Array, reaches: Array) -> Body:
+    """A body from its interval of mass [kg], its centre of mass `arm` (3,) [m] and the inertia about that per unit of
+    mass (3, 3) [m^2]; the centre of mass may be off by the columns of `reaches` (3, 3) [m], each either way."""
     psi = _parameters(1.0, arm, inertia - skew(arm) @ skew(arm))
     linear = np.array([_linear(arm, step) for step in reaches.T])
     squares = [0.5 * _square(step, step) for step in reaches.T]

@@ -173,7 +173,7 @@ def test_a_world_that_varies_is_drawn_about_its_value():
     truth = TruthConfig.model_validate(
         {"mass": {"body": 2.0}, "variation": {"friction": 0.05, "mass": {"body": 0.1}, "distribution": "uniform"}}
     )
-    worlds = [true_world(config, truth, generator(7, k, WORLD)) for k in range(400)]
+    worlds = [true_world(believed_world(config), truth, generator(7, k, WORLD)) for k in range(400)]
     friction = np.array([world.friction["body"] for world in worlds])
     mass = np.array([world.bodies["body"].mass for world in worlds])
     assert 0.25 <= friction.min() < 0.26
@@ -188,7 +188,8 @@ def test_a_world_that_varies_is_drawn_about_its_value():
 def test_a_friction_is_never_drawn_at_or_below_zero():
     config = scene(objects={"body": FLAT}, contact={"friction": 0.05})
     truth = TruthConfig.model_validate({"variation": {"friction": 1.0}})
-    assert min(true_world(config, truth, generator(0, k, WORLD)).friction["body"] for k in range(200)) > 0
+    worlds = [true_world(believed_world(config), truth, generator(0, k, WORLD)) for k in range(200)]
+    assert min(world.friction["body"] for world in worlds) > 0
 
 
 def test_a_trace_is_the_trial_over_time(slide):

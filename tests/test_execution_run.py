@@ -317,13 +317,13 @@ def test_a_full_disk_leaves_nothing(run, tmp_path, stored, monkeypatch):
 SAYS_WHAT_IS_DONE = """
 import sys
 from contextlib import contextmanager
-from robustopt import cli
+from robustopt import cli, commands
 
 @contextmanager
 def told(silent):
     yield lambda done, total, successes: print("done", done, file=sys.stderr, flush=True)
 
-cli.trials_bar = told
+commands.trials_bar = told
 cli.main()
 """
 

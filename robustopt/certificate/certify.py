@@ -20,6 +20,7 @@ from robustopt.certificate.joints import check_kinematics, check_torque
 from robustopt.certificate.motion import Instants, Motion, instants, motion
 from robustopt.certificate.scene import Scene, build_scene
 from robustopt.certificate.tally import Found, Tally
+from robustopt.certificate.walking import check_walk
 from robustopt.config import Config
 from robustopt.errors import SolverFailed
 
@@ -146,14 +147,16 @@ def certify(config: Config, plan: Plan, level: str = "quick", seed: int = 0) -> 
         raise SolverFailed("the timing has numbers that are not finite")
     began = time.perf_counter()
     how = LEVELS[level]
-    scene = build_scene(config, plan.problem.robot.joint_names)
+    scene = None if config.walks else build_scene(config, plan.problem.robot.joint_names)
     intervals = int(np.count_nonzero(np.diff(plan.s) > 0.0))
-    between, every = _thinned(how, intervals, scene.points.shape[1])
+    between, every = _thinned(how, intervals, FEW_POINTS if scene is None else scene.points.shape[1])
     at = instants(plan, between, every)
-    moving = motion(plan, at)
     tally = Tally(at.grid)
     _check_timing(plan, at, tally)
-    draws = _check(scene, moving, how, np.random.default_rng(seed), tally)
+    if scene is None:
+        draws = check_walk(config, plan, at, level, how.draws, seed, tally)
+    else:
+        draws = _check(scene, motion(plan, at), how, np.random.default_rng(seed), tally)
     worst = _worst(tally, at)
     return Certificate(
         passed=all(_passes(found, on_grid) for (_, on_grid), found in tally.worst.items()),

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robustopt.certificate.contact_points import Array, Contacts, Flags, even_pressure, simply_held
+from robustopt.certificate.contact_points import Array, Contacts, Flags, Indices, even_pressure, simply_held
 
 GAP = 1e-8
 """Width of the bracket of gamma, and unbalanced share of the wrench, at which a program is solved: a hundredth of the
@@ -31,6 +31,9 @@ violation that a certificate forgives, and above the rounding errors of the norm
 
 ROUGH_GAP = 2e-7
 """The same for a program that rounding errors keep from improving, as with degenerate patches."""
+
+NEARLY = 1e-4
+"""Share of the wrench that may be left over where rounding errors end a program early; a second program balances it."""
 
 MOST_ITERATIONS = 60
 """Ten are usual."""
@@ -74,7 +77,21 @@ def gauge(contacts: Contacts, rest: Array, move: Array, good_enough: Array | flo
         part = slice(begin, begin + CHUNK)
         programs = _InteriorPoint(contacts[part], rest[:, part], move[:, part], enough[part], gap).solve()
         value[part], lower[part], y[:, part] = programs.value, programs.lower, programs.direction
+        lost = np.flatnonzero(np.isinf(programs.value) & (programs.left_over_size < NEARLY))
+        if len(lost) and gap < NEARLY:
+            value[part][lost] = _with_left_over(contacts[part][lost], rest[:, part][:, lost], programs, lost)
     return Gauge(value, lower, y)
+
+
+def _with_left_over(contacts: Contacts, rest: Array, programs: _InteriorPoint, lost: Indices) -> Array:
+    """Gauges (T,) of programs that rounding errors keep from balancing to the last digits.
+
+    g rest + move - r is balanced, r the wrench that is left over, and h rest + r for the gauge h of r; so
+    (g + h) rest + move is balanced too. h is in proportion to the length of r, which is small.
+    """
+    size = programs.left_over_size[lost]
+    direction = programs.left_over[:, lost] / np.maximum(size, 1e-300)
+    return np.asarray(programs.reached[lost] + size * gauge(contacts, rest, direction, gap=NEARLY).value)
 
 
 def gauge_from_rest(
@@ -98,7 +115,8 @@ class _InteriorPoint:
     """State of the iteration for the T programs that are not solved yet.
 
     force, slack: (3, n, T) coordinates of the forces and the dual cones' slacks; g, slack_g: (T,) the last variable and
-    its slack 1 - y rest; y: (6 K, T); index: (T,) which programs of the caller these are
+    its slack 1 - y rest; y: (6 K, T); index: (T,) which programs of the caller these are; reached, left_over: g and the
+    wrench that is not balanced, of the best iterate, (T,) and (6 K, T)
     """
 
     def __init__(self, contacts: Contacts, rest: Array, move: Array, enough: Array, gap: float) -> None:
@@ -119,6 +137,8 @@ class _InteriorPoint:
         self.lower = np.where(pressing, 0.0, np.inf)
         self.error = np.full(count, np.inf)
         self.direction = self.y.copy()
+        self.reached, self.left_over = np.full(count, np.inf), np.zeros_like(rest)
+        self.left_over_size = np.full(count, np.inf)
         self._keep(pressing)
 
     def solve(self) -> _InteriorPoint:
@@ -148,6 +168,8 @@ class _InteriorPoint:
         found = self.index[better]
         self.value[found] = np.where(enough | (error < max(self.gap, ROUGH_GAP)), self.g, np.inf)[better]
         self.direction[:, found] = self.y[:, better]
+        self.reached[found], self.left_over[:, found] = self.g[better], self.residual[:, better]
+        self.left_over_size[found] = np.sqrt((self.residual[:, better] ** 2).sum(axis=0))
         self.lower[self.index] = np.maximum(self.lower[self.index], lower)
         interior = (_square(self.force) > 0.0).all(axis=0) & (_square(self.slack) > 0.0).all(axis=0)
         stuck = ~(interior & (self.slack_g > 0.0)) | (error > 100.0 * self.error) | ~np.isfinite(error)

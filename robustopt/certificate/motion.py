@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from robustopt.certificate.contact_points import Array, Flags, Indices
+from robustopt.robot import JointLimits, Robot
 
 if TYPE_CHECKING:
-    from robustopt.robot import JointLimits
     from robustopt.timescaling import Plan
 
 
@@ -117,6 +117,7 @@ class Motion:
 def motion(plan: Plan, at: Instants) -> Motion:
     """The motion of a plan at some instants."""
     robot, path = plan.problem.robot, plan.problem.path
+    assert isinstance(robot, Robot), "a robot on its feet is looked at by `walking`"
     q, q1, q2 = (path.evaluate(at.node_s, at.node_piece, order) for order in range(3))
     arm = robot.dynamics(q, q1, q2)
     u, x, sd = at.u, at.x, np.sqrt(at.x)

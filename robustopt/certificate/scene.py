@@ -177,7 +177,7 @@ class Scene:
 def build_scene(config: Config, joints: tuple[str, ...]) -> Scene:
     """The scene of a configuration for a robot with the named joints."""
     placed = placements(config)
-    bodies = [_body("tray", config.tray, Placement(np.zeros(3), 0.0, 0.5 * config.tray.size[2]))]
+    bodies = [_body("tray", config.carried_tray, Placement(np.zeros(3), 0.0, 0.5 * config.carried_tray.size[2]))]
     bodies += [_body(name, config.objects[name], placed[name]) for name in placed]
     interfaces, points, turns = _interfaces(config, placed)
     nominal, lower, upper = _intervals(config, bodies, interfaces, points.shape[1], len(joints))
@@ -221,7 +221,7 @@ def _rotation(yaw: float) -> Array:
 def _interfaces(config: Config, placed: Mapping[str, Placement]) -> tuple[tuple[Interface, ...], Array, Array]:
     """Interfaces, the corners of all their patches (3, Q), and the turn of the support under each (2, 2, Q)."""
     rim = config.contact.patch_points * -(-RIM_POINTS // config.contact.patch_points)
-    outlines = {"tray": rectangle(np.zeros(2), np.array(config.tray.size))}
+    outlines = {"tray": rectangle(np.zeros(2), np.array(config.carried_tray.size))}
     outlines |= {name: footprint(config.objects[name], placement, rim) for name, placement in placed.items()}
     interfaces: list[Interface] = []
     points: list[Array] = []

@@ -6,22 +6,22 @@ Gravity compensation of arm and tray counts as torque of the drives, and the dri
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
+from robustopt.config_model import BASE_COORDINATES as BASE
 from robustopt.config_model import Config
 from robustopt.errors import ConfigError
 from robustopt.robot import Robot
 from robustopt.robot_model import load_model
 from robustopt.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    from robustopt.execution.scene import Layout
+from robustopt.walker import Walker
+from robustopt.walker_model import load_walker_model
 
 Array = NDArray[np.float64]
 
@@ -30,6 +30,7 @@ BANDWIDTH = 50.0
 
 _INPUTS = mujoco.mjtCtrlInput
 POSITION_VELOCITY = int(_INPUTS.mjINPUT_POS) | int(_INPUTS.mjINPUT_VEL)
+PID = int(mujoco.mjtDyn.mjDYN_PID)
 WITH_TORQUE = POSITION_VELOCITY | int(_INPUTS.mjINPUT_FF)
 
 
@@ -48,7 +49,8 @@ class Reference:
     """What the controller is told, one row per time step; t = 0 is the start of the motion.
 
     t, s: (N,) [s], [1]; q, qd: (N, n) planned at the start of each step; qdd: (N, n) planned in its middle;
-    moving: (N,) whether the step is part of the motion
+    moving: (N,) whether the step is part of the motion; torque: (N, n) of the planned motion in the middle of the step
+    [N m or N], where the plan is known to say it
     """
 
     t: Array
@@ -57,26 +59,48 @@ class Reference:
     qd: Array
     qdd: Array
     moving: NDArray[np.bool_]
+    torque: Array | None = None
 
 
-def gains_of(config: Config, robot: Robot, q: Array) -> Gains:
-    """Gains from the configuration, else from the `pid` actuators of the model file, else from the joint's inertia.
+@dataclass(frozen=True)
+class JointLayout:
+    """Where things are in the arrays of a compiled scene.
 
-    Default of a joint with inertia I, the largest of arm and load at the joint positions q (P, n), and bandwidth w:
-    kp = I w^2, kd = 2 I w, ki = 0 (critical damping).
+    joints, dofs: of the m joints with a motor, in qpos and qvel; control: first control column of each; bodies: numbers
+    of those that a force can act on, by name
+    """
+
+    joints: Array
+    dofs: Array
+    control: Array
+    bodies: Mapping[str, int]
+
+
+def gains_of(config: Config, robot: Robot | Walker, q: Array) -> Gains:
+    """Gains from the configuration, else from the actuators of the model file, else from the joint's inertia.
+
+    Actuators that count are `pid` ones, those of a robot on its feet also `position` ones. Default of a joint with
+    inertia I, the largest of robot and load at coordinates q (P, n), and bandwidth w: kp = I w^2, kd = 2 I w, ki = 0
+    (critical damping).
     """
     assert config.execution is not None
     given = config.execution.controller
-    names = robot.joint_names
-    of_model = _model_gains(config)
-    inertia = _largest_inertia(config, robot, q)
-    derived = {"kp": inertia * BANDWIDTH**2, "ki": np.zeros(robot.n), "kd": 2 * inertia * BANDWIDTH}
+    if isinstance(robot, Walker):
+        names, model = robot.joint_names[BASE:], load_walker_model(config)[0].original
+        kinds = {PID, int(mujoco.mjtDyn.mjDYN_NONE)}
+        inertia = _largest_inertia_on_feet(robot, q)
+    else:
+        names, model, kinds = robot.joint_names, load_model(config).original, {PID}
+        inertia = _largest_inertia(config, robot, q)
+    of_model = _model_gains(model, kinds)
+    derived = {"kp": inertia * BANDWIDTH**2, "ki": np.zeros(len(names)), "kd": 2 * inertia * BANDWIDTH}
     values = {}
     for kind, key in (("kp", given.kp), ("ki", given.ki), ("kd", given.kd)):
         values[kind] = np.array([of_model.get(name, {}).get(kind, derived[kind][i]) for i, name in enumerate(names)])
         if key is not None:
             values[kind] = _per_joint(key, names, f"execution.controller.{kind}")
-    inputs = WITH_TORQUE if given.feedforward == "computed_torque" else POSITION_VELOCITY
+    torque = config.walks or given.feedforward == "computed_torque"
+    inputs = WITH_TORQUE if torque else POSITION_VELOCITY
     return Gains(**values, inputs=inputs)
 
 
@@ -89,7 +113,7 @@ def reference(trajectory: Trajectory, timestep: float, hold: tuple[float, float]
     return Reference(t, start.s, start.q, start.qd, middle.qdd, moving)
 
 
-def controls(model: mujoco.MjModel, layout: Layout, planned: Reference, torque: Array | None) -> Array:
+def controls(model: mujoco.MjModel, layout: JointLayout, planned: Reference, torque: Array | None) -> Array:
     """Control inputs at every time step, (N, nu); torque: (N, n) fed forward, or None."""
     inputs = np.zeros((len(planned.t), model.nu))
     inputs[:, layout.control] = planned.q
@@ -110,11 +134,12 @@ def computed_torque(rigid: mujoco.MjModel, planned: Reference) -> Array:
     return torque
 
 
-def require_stable(model: mujoco.MjModel, layout: Layout, gains: Gains, names: tuple[str, ...], q: Array) -> None:
-    """Refuse a time step at which the sampled controller is unstable somewhere on the path q (P, n).
+def require_stable(model: mujoco.MjModel, layout: JointLayout, gains: Gains, names: tuple[str, ...], q: Array) -> None:
+    """Refuse a time step at which the sampled controller is unstable somewhere on the path q (P, m).
 
     With the time step h, semi-implicit Euler and implicit joint damping D, the loop M qdd = -kp q - (kd + D) qd is
-    stable where h^2 kp + 2 h (kd - D) < 4 M: M of the arm and the tray, without objects, which slide on it.
+    stable where h^2 kp + 2 h (kd - D) < 4 M: M of the arm and the tray, without objects, which slide on it. Where the
+    base is free, M is what is left of the joints' inertia when the base gives way.
     """
     data, h = mujoco.MjData(model), model.opt.timestep
     full = np.zeros((model.nv, model.nv))
@@ -126,7 +151,7 @@ def require_stable(model: mujoco.MjModel, layout: Layout, gains: Gains, names: t
         mujoco.mj_comPos(model, data)
         mujoco.mj_makeM(model, data)
         mujoco.mj_fullM(model, data, full)
-        values, vectors = eigh(stiffness, full[np.ix_(layout.dofs, layout.dofs)])
+        values, vectors = eigh(stiffness, _inertia_of(full, layout.dofs))
         if values[-1] > worst.max():
             worst = values[-1] * np.abs(vectors[:, -1]) / np.abs(vectors[:, -1]).max()
     if worst.max() >= 1:
@@ -137,6 +162,14 @@ def require_stable(model: mujoco.MjModel, layout: Layout, gains: Gains, names: t
         )
 
 
+def _inertia_of(full: Array, dofs: Array) -> Array:
+    """Inertia of some degrees of freedom while the others give way (m, m), from that of all."""
+    others = np.setdiff1d(np.arange(len(full)), dofs)
+    across = full[np.ix_(dofs, others)]
+    given = across @ np.linalg.solve(full[np.ix_(others, others)], across.T) if len(others) else 0.0
+    return np.asarray(full[np.ix_(dofs, dofs)] - given)
+
+
 def _per_joint(values: float | tuple[float, ...], names: tuple[str, ...], key: str) -> Array:
     if isinstance(values, tuple) and len(values) != len(names):
         joints = ", ".join(names)
@@ -144,23 +177,30 @@ def _per_joint(values: float | tuple[float, ...], names: tuple[str, ...], key: s
     return np.broadcast_to(np.asarray(values, dtype=float), (len(names),)).copy()
 
 
-def _model_gains(config: Config) -> dict[str, dict[str, float]]:
-    """Gains of the `pid` actuators of the model file, by joint name."""
-    model = load_model(config).original
+def _model_gains(model: mujoco.MjModel, kinds: set[int]) -> dict[str, dict[str, float]]:
+    """Gains of the `pid` actuators of a model, and of its `position` ones (without dynamics), by joint name."""
     found = {}
     for i in range(model.nactuator):
         on_joint = model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
-        if on_joint and model.actuator_dyntype[i] == mujoco.mjtDyn.mjDYN_PID and model.actuator_gear[i, 0] == 1:
+        kp, kd = -model.actuator_biasprm[i, 1:3]
+        if on_joint and int(model.actuator_dyntype[i]) in kinds and model.actuator_gear[i, 0] == 1 and kp > 0:
             name = model.joint(model.actuator_trnid[i, 0]).name
-            kp, kd = -model.actuator_biasprm[i, 1:3]
-            found[name] = {"kp": float(kp), "kd": float(kd), "ki": float(model.actuator_gainprm[i, 0])}
+            ki = float(model.actuator_gainprm[i, 0]) if model.actuator_dyntype[i] == PID else 0.0
+            found[name] = {"kp": float(kp), "kd": float(kd), "ki": ki}
     return found
+
+
+def _largest_inertia_on_feet(robot: Walker, q: Array) -> Array:
+    """Largest diagonal of the mass matrix of a robot's joints over coordinates q (P, n), (m,)."""
+    none = np.zeros_like(q)
+    inertia = robot.dynamics(q, none, none).mass_matrix
+    return np.asarray(np.diagonal(inertia, axis1=1, axis2=2).max(axis=0)[BASE:])
 
 
 def _largest_inertia(config: Config, robot: Robot, q: Array) -> Array:
     """Largest diagonal of the mass matrix of arm and load over joint positions q (P, n), (n,)."""
     none = np.zeros_like(q)
     arm = robot.dynamics(q, none, none)
-    load = config.tray.mass + sum(item.mass for item in config.objects.values())
+    load = config.carried_tray.mass + sum(item.mass for item in config.objects.values())
     carried = load * np.sum(arm.jacobian[:, :3] ** 2, axis=1)
     return np.asarray((np.diagonal(arm.mass_matrix, axis1=1, axis2=2) + carried).max(axis=0))

@@ -3,24 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from robustopt.confidence import clopper_pearson
 from robustopt.config_model import Config, ExecutionConfig
 from robustopt.errors import ConfigError, SimulationFailed
-from robustopt.execution.controller import gains_of, reference, require_stable
+from robustopt.execution.controller import Reference, gains_of, reference, require_stable
 from robustopt.execution.feedback import Feedback, feedback_of
 from robustopt.execution.monte_carlo import Job, Workers, run_all
 from robustopt.execution.outcome import Status, TrialOutcome
-from robustopt.execution.scene import SceneBuilder
-from robustopt.execution.truth import believed_world
+from robustopt.foot_forces import planned_forces
 from robustopt.timescaling import Plan
+from robustopt.timescaling.plan import controls_of
 from robustopt.trajectory import Trajectory
 
 LONGEST_STEP = 0.1
 """Time steps longer than this part of the trajectory are taken for a mistake (our choice)."""
+
+
+CHECKED = 10
+"""The controller's stability is checked at every so many grid points: inertia changes slowly along a path."""
 
 
 @dataclass(frozen=True)
@@ -117,11 +121,29 @@ def prepare(config: Config, plan: Plan, seed: int | None = None, speed: float = 
     _require_usable(trajectory, execution)
     path = trajectory.at_gridpoints().q
     gains = gains_of(config, plan.problem.robot, path)
-    builder = SceneBuilder(config, gains, execution.timestep)
-    model = builder.model(believed_world(config))
-    require_stable(model, builder.layout(model), gains, builder.robot.joint_names, path)
     planned = reference(trajectory, execution.timestep, execution.hold)
-    return Job(config, execution, gains, planned, config.seed if seed is None else seed)
+    if config.walks:
+        planned = _with_torque(planned, plan, speed, execution.timestep)
+    job = Job(config, execution, gains, planned, config.seed if seed is None else seed)
+    model = job.scene.model(job.scene.believed)
+    layout, checked = job.scene.layout(model), path[::CHECKED, job.scene.driven]
+    require_stable(model, layout, gains, job.scene.joint_names, checked)
+    return job
+
+
+def faster(plan: Plan, speed: float) -> Plan:
+    """The plan run `speed` times as fast: x and u grow with its square.
+
+    They are made from sd, which a stored plan has number for number.
+    """
+    x = (speed * np.sqrt(np.maximum(plan.x, 0.0))) ** 2
+    return replace(plan, x=x, u=controls_of(plan.problem.ds, x), duration=plan.duration / speed)
+
+
+def _with_torque(planned: Reference, plan: Plan, speed: float, timestep: float) -> Reference:
+    """The reference of a robot on its feet with the torque of its plan and of the planned contact forces."""
+    torque, _ = planned_forces(faster(plan, speed)).sample(planned.t + timestep / 2)
+    return replace(planned, torque=torque)
 
 
 def _require_same_task(config: Config, plan: Plan) -> None:
@@ -131,7 +153,7 @@ def _require_same_task(config: Config, plan: Plan) -> None:
         return
     same = {
         "robot": config.robot == theirs.robot,
-        "tray": (config.tray.size, config.tray.pose) == (theirs.tray.size, theirs.tray.pose),
+        "tray": _tray(config) == _tray(theirs),
         "path": config.path == theirs.path,
         "gravity": config.gravity == theirs.gravity,
         "objects": _places(config) == _places(theirs),
@@ -144,6 +166,11 @@ def _require_same_task(config: Config, plan: Plan) -> None:
             "expected a plan of this configuration",
             key=other[0],
         )
+
+
+def _tray(config: Config) -> tuple[object, ...]:
+    """Shape and place of the tray, if there is one."""
+    return () if config.tray is None else (config.tray.size, config.tray.pose)
 
 
 def _places(config: Config) -> list[tuple[object, ...]]:

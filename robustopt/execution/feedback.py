@@ -49,12 +49,17 @@ def acceleration_error(velocity: Array, planned: Array, timestep: float) -> tupl
     each step (N, n)
     """
     error = np.diff(velocity, axis=0) / timestep - planned
+    return low_passed(error, timestep), error
+
+
+def low_passed(values: Array, timestep: float) -> Array:
+    """Values over time (N, ...) without what is above the cut-off; as they are where the steps are too long or few."""
     margin = round(1 / CUTOFF / timestep)
-    if 2 * CUTOFF * timestep >= 1 or len(error) <= margin:
-        return error, error
+    if 2 * CUTOFF * timestep >= 1 or len(values) <= margin:
+        return values
     numerator, denominator = butter(2, 2 * CUTOFF * timestep)
     # Mirrored at the ends: what is added by default, turned about the last sample, would leave that one unfiltered.
-    return np.asarray(filtfilt(numerator, denominator, error, axis=0, padtype="even", padlen=margin)), error
+    return np.asarray(filtfilt(numerator, denominator, values, axis=0, padtype="even", padlen=margin))
 
 
 def with_errors(outcome: TrialOutcome, velocity: Array, planned: Reference, timestep: float) -> TrialOutcome:

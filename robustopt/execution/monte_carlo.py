@@ -9,18 +9,19 @@ import gc
 import os
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from robustopt.config_model import Config, ExecutionConfig
 from robustopt.errors import ConfigError, SimulationFailed
-from robustopt.execution.controller import Gains, Reference, computed_torque, controls
+from robustopt.execution.controller import Gains, JointLayout, Reference
 from robustopt.execution.disturbance import CALIBRATION, FORCE, WORLD, calibration, forces, generator
 from robustopt.execution.feedback import with_errors
-from robustopt.execution.outcome import TrialOutcome, judge
-from robustopt.execution.scene import Layout, SceneBuilder
-from robustopt.execution.simulation import Record, Workspace, simulate
+from robustopt.execution.outcome import TrialOutcome, diverged, judge
+from robustopt.execution.scenes import Scene, scene_of
+from robustopt.execution.simulation import Record, Workspace, joint_positions, simulate
 from robustopt.execution.truth import World, true_world, varies
 
 Array = np.ndarray
@@ -45,6 +46,14 @@ class Job:
     planned: Reference
     seed: int
 
+    @cached_property
+    def scene(self) -> Scene[Any]:
+        """The world of the configuration, built once in each process."""
+        return scene_of(self.config, self.gains, self.execution.timestep)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "scene"}
+
 
 def run_trials(job: Job, trials: Sequence[int], threads: int, workspace: Workspace | None = None) -> list[TrialOutcome]:
     """Run trials by their numbers, all in one chunk."""
@@ -54,58 +63,66 @@ def run_trials(job: Job, trials: Sequence[int], threads: int, workspace: Workspa
 
 @dataclass(frozen=True)
 class Prepared:
-    """What trials start from: their worlds, offsets of the joints (k, n), and where things are in the arrays."""
+    """What trials start from: their worlds, offsets of the coordinates (k, n), and where things are in the arrays."""
 
     trials: Sequence[int]
     worlds: Sequence[World]
     offsets: Array
-    layout: Layout
-    builder: SceneBuilder
+    layout: JointLayout
+    scene: Scene[Any]
 
 
 def simulate_trials(job: Job, trials: Sequence[int], threads: int, workspace: Workspace) -> tuple[Prepared, Record]:
     """Simulate trials by their numbers."""
     execution, planned = job.execution, job.planned
-    builder = SceneBuilder(job.config, job.gains, execution.timestep)
-    worlds = [true_world(job.config, execution.truth, generator(job.seed, k, WORLD)) for k in trials]
-    models = [builder.model(world) for world in (worlds if varies(execution.truth) else worlds[:1])]
-    model, layout = models[0], builder.layout(models[0])
-    disturbance = execution.disturbance
-    offsets = np.array([calibration(disturbance, builder.robot.n, generator(job.seed, k, CALIBRATION)) for k in trials])
-    feedforward = execution.controller.feedforward == "computed_torque"
-    inputs = controls(model, layout, planned, computed_torque(builder.rigid(), planned) if feedforward else None)
+    scene = job.scene
+    worlds = [true_world(scene.believed, execution.truth, generator(job.seed, k, WORLD)) for k in trials]
+    models = [scene.model(world) for world in (worlds if varies(execution.truth) else worlds[:1])]
+    model, layout = models[0], scene.layout(models[0])
+    disturbance, driven = execution.disturbance, scene.driven
+    offsets = np.zeros((len(trials), planned.q.shape[1]))
+    for offset, k in zip(offsets, trials, strict=True):
+        offset[driven] = calibration(disturbance, len(scene.joint_names), generator(job.seed, k, CALIBRATION))
     control = workspace.array("control", (len(trials), len(planned.t), model.nu + 6 * model.nbody))
-    control[:, :, : model.nu] = inputs
+    control[:, :, : model.nu] = scene.controls(model, layout, planned)
     if offsets.any():
-        control[:, :, layout.control] += offsets[:, None]
-    at = model.nu + 6 * layout.bodies[disturbance.on]
+        control[:, :, layout.control] += offsets[:, None, driven]
+    at = model.nu + 6 * _pushed(scene, layout, disturbance.on)
     for i, k in enumerate(trials):
         random = generator(job.seed, k, FORCE)
         control[i, :, at : at + 3] = forces(disturbance, execution.timestep, len(planned.t), random)
-    start = np.array([builder.start(layout, planned.q[0] + offset, model.nq) for offset in offsets])
+    start = np.array([scene.start(layout, planned.q[0] + offset, model.nq) for offset in offsets])
     record = simulate(models, start, control, threads, workspace)
-    return Prepared(trials, worlds, offsets, layout, builder), record
+    return Prepared(trials, worlds, offsets, layout, scene), record
+
+
+def _pushed(scene: Scene[Any], layout: JointLayout, name: str | None) -> int:
+    """Number of the body that the random force acts on."""
+    name = scene.pushed if name is None else name
+    if name not in layout.bodies:
+        known = ", ".join(layout.bodies)
+        raise ConfigError(f"nothing is called {name}; expected one of {known}", key="execution.disturbance.on")
+    return layout.bodies[name]
 
 
 def outcome_of(job: Job, prepared: Prepared, record: Record, i: int) -> TrialOutcome:
     """The outcome of the trial with index i of a chunk."""
-    layout, robot, planned = prepared.layout, prepared.builder.robot, job.planned
+    scene, layout, planned, failure = prepared.scene, prepared.layout, job.planned, job.execution.failure
+    criteria, trial, world = scene.criteria(failure), prepared.trials[i], prepared.worlds[i]
+    if record.diverged[i]:
+        return diverged(trial, world, list(criteria))
     outcome = judge(
-        prepared.trials[i], prepared.worlds[i], job.execution.failure, planned, layout.interfaces, robot.joint_names,
-        robot.limits.torque, np.abs(joint_positions(record, layout, i) - planned.q - prepared.offsets[i]).max(),
-        record.torque[i][:, layout.dofs], record.sensors[i], bool(record.diverged[i]),
+        trial, world, failure, planned, scene.motions(layout, planned, record, i), criteria, scene.joint_names,
+        scene.torque_limit, np.abs(tracking_error(job, prepared, record, i)).max(), record.torque[i][:, layout.dofs],
     )  # fmt: skip
-    return with_errors(outcome, joint_velocities(record, layout, i), planned, job.execution.timestep)
+    return with_errors(outcome, scene.velocities(layout, record, i), planned, job.execution.timestep)
 
 
-def joint_positions(record: Record, layout: Layout, i: int) -> Array:
-    """Joint positions of a trial at the start of each step, (N, n)."""
-    return np.vstack([record.start_qpos[i, layout.joints], record.qpos[i, :-1][:, layout.joints]])
-
-
-def joint_velocities(record: Record, layout: Layout, i: int) -> Array:
-    """Joint velocities of a trial before each step and after the last, (N + 1, n)."""
-    return np.vstack([record.start_qvel[i, layout.dofs], record.qvel[i][:, layout.dofs]])
+def tracking_error(job: Job, prepared: Prepared, record: Record, i: int) -> Array:
+    """Positions of the joints with a motor less their reference in a trial, (N, m)."""
+    driven = prepared.scene.driven
+    reached = joint_positions(record, prepared.layout.joints, i)
+    return np.asarray(reached - job.planned.q[:, driven] - prepared.offsets[i, driven])
 
 
 # Chunks over processes ------------------------------------------------------------------------------------

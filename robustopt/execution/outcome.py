@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from robustopt.config_model import FailureConfig
 from robustopt.execution.controller import Reference
-from robustopt.execution.scene import Interface
 from robustopt.execution.truth import World
+
+if TYPE_CHECKING:
+    from robustopt.execution.scene import Interface
 
 Array = np.ndarray
 
@@ -24,6 +27,7 @@ class Status(Enum):
 
     SUCCESS = "success"
     SLID = "slid"
+    SLIPPED = "slipped"
     TIPPED = "tipped"
     FELL = "fell"
     LOST_CONTACT = "lost contact"
@@ -33,10 +37,11 @@ class Status(Enum):
     @property
     def sentence(self) -> str:
         return {
-            Status.SUCCESS: "Every object stayed in its place.",
+            Status.SUCCESS: "Every object stayed in its place, every standing foot too.",
             Status.SLID: "An object slid further on its support than is allowed.",
+            Status.SLIPPED: "A standing foot slipped further on the floor than is allowed.",
             Status.TIPPED: "An object tipped further against its support than is allowed.",
-            Status.FELL: "An object dropped further below its place than is allowed.",
+            Status.FELL: "An object dropped further below its place than is allowed, or the robot itself fell.",
             Status.LOST_CONTACT: "An object rose off its support further than is allowed.",
             Status.TORQUE_SATURATED: "A joint torque stayed at its limit for longer than is allowed.",
             Status.DIVERGED: "The simulation diverged; what it showed is not counted as physics.",
@@ -46,7 +51,10 @@ class Status(Enum):
 @dataclass(frozen=True)
 class ObjectOutcome:
     """What became of an object: how it failed first, or success, when (t = 0: start of the motion; nan: never) [s],
-    and the largest slip [m], tilt [rad], drop [m] and lift [m] against what it stands on."""
+    and the largest slip [m], tilt [rad], drop [m] and lift [m] against what it stands on; nan for what does not count.
+
+    Of a robot on its feet the objects are both feet and the trunk.
+    """
 
     status: Status
     time: float
@@ -99,6 +107,22 @@ class Motion:
     lift: Array
 
 
+class Criterion(NamedTuple):
+    """How something fails: its `kind` of movement, a field of `Motion`, exceeds the limit."""
+
+    status: Status
+    kind: str
+    limit: float
+
+
+def object_criteria(failure: FailureConfig) -> tuple[Criterion, ...]:
+    """How an object on the tray fails; where several happen in the same step, the first of these counts."""
+    return (
+        Criterion(Status.FELL, "drop", failure.drop), Criterion(Status.TIPPED, "tilt", failure.tilt),
+        Criterion(Status.LOST_CONTACT, "lift", failure.lift), Criterion(Status.SLID, "slip", failure.slip),
+    )  # fmt: skip
+
+
 def object_motion(interface: Interface, sensors: Array) -> Motion:
     """Movement at an interface from a trial's sensor data (N, .): position and quaternion against the support."""
     at = interface.sensor
@@ -121,24 +145,16 @@ def object_motion(interface: Interface, sensors: Array) -> Motion:
 
 
 def judge(
-    trial: int, world: World, failure: FailureConfig, planned: Reference, interfaces: Sequence[Interface],
-    joint_names: Sequence[str], limits: Array, tracking_error: float, torque: Array, sensors: Array, diverged: bool,
+    trial: int, world: World, failure: FailureConfig, planned: Reference, motions: Mapping[str, Motion],
+    criteria: Mapping[str, Sequence[Criterion]], joint_names: Sequence[str], limits: Array, tracking_error: float,
+    torque: Array,
 ) -> TrialOutcome:  # fmt: skip
-    """The outcome of one trial.
+    """The outcome of one trial that did not diverge.
 
-    limits: of the joint torques (n,); tracking_error: largest of any joint; torque: (N, n); sensors: (N, .)
+    motions: of everything that friction holds; limits: of the joint torques (n,); tracking_error: largest of any joint;
+    torque: (N, n)
     """
-    friction, mass = dict(world.friction), {name: body.mass for name, body in world.bodies.items()}
-    names = dict.fromkeys(interface.object for interface in interfaces)
-    if diverged:
-        lost = ObjectOutcome(Status.DIVERGED, *[float("nan")] * 5)
-        return TrialOutcome(
-            trial, Status.DIVERGED, "", np.nan, np.nan, dict.fromkeys(names, lost), np.nan, np.nan, friction, mass
-        )
-    objects = {}
-    for name in names:
-        motions = [object_motion(interface, sensors) for interface in interfaces if interface.object == name]
-        objects[name] = _judge_object(motions, failure, planned.t)
+    objects = {name: _judge_object(motion, criteria[name], planned.t) for name, motion in motions.items()}
     share = np.abs(torque) / limits
     events = [(item.time, item.status, name) for name, item in objects.items() if item.status is not Status.SUCCESS]
     timestep = planned.t[1] - planned.t[0]
@@ -149,8 +165,20 @@ def judge(
     time, status, what = min(events, key=lambda event: event[0], default=(np.nan, Status.SUCCESS, ""))
     s = float(np.interp(time, planned.t, planned.s)) if what else np.nan
     return TrialOutcome(
-        trial, status, what, time, s, objects, float(tracking_error), float(share.max()), friction, mass
+        trial, status, what, time, s, objects, float(tracking_error), float(share.max()), *_truth_of(world)
     )
+
+
+def diverged(trial: int, world: World, names: Sequence[str]) -> TrialOutcome:
+    """The outcome of a trial whose simulation diverged; names: of everything that friction holds."""
+    lost = ObjectOutcome(Status.DIVERGED, *[float("nan")] * 5)
+    return TrialOutcome(
+        trial, Status.DIVERGED, "", np.nan, np.nan, dict.fromkeys(names, lost), np.nan, np.nan, *_truth_of(world)
+    )
+
+
+def _truth_of(world: World) -> tuple[dict[str, float], dict[str, float]]:
+    return dict(world.friction), {name: body.mass for name, body in world.bodies.items()}
 
 
 def motion_of_object(motions: Sequence[Motion]) -> Motion:
@@ -159,14 +187,13 @@ def motion_of_object(motions: Sequence[Motion]) -> Motion:
     return Motion(slip, tilt, drop, np.min([m.lift for m in motions], axis=0))
 
 
-def _judge_object(motions: Sequence[Motion], failure: FailureConfig, t: Array) -> ObjectOutcome:
-    """The outcome of an object from its movement against each of its supports."""
-    motion = motion_of_object(motions)
-    limits = (
-        (Status.FELL, motion.drop, failure.drop), (Status.TIPPED, motion.tilt, failure.tilt),
-        (Status.LOST_CONTACT, motion.lift, failure.lift), (Status.SLID, motion.slip, failure.slip),
-    )  # fmt: skip
-    events = [(int(np.argmax(values > limit)), status) for status, values, limit in limits if values.max() > limit]
+def _judge_object(motion: Motion, criteria: Sequence[Criterion], t: Array) -> ObjectOutcome:
+    """The outcome of something from its movement."""
+    events = []
+    for status, kind, limit in criteria:
+        values = getattr(motion, kind)
+        if values.max() > limit:
+            events.append((int(np.argmax(values > limit)), status))
     step, status = min(events, key=lambda event: event[0], default=(-1, Status.SUCCESS))
     time = float(t[step]) if events else np.nan
     return ObjectOutcome(

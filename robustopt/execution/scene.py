@@ -10,13 +10,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
-from robustopt.config_model import Config, ObjectConfig
+from robustopt.config_model import Config, FailureConfig, ObjectConfig
 from robustopt.errors import ConfigError
-from robustopt.execution.controller import Gains
+from robustopt.execution.controller import WITH_TORQUE, Gains, JointLayout, Reference, computed_torque, controls
+from robustopt.execution.outcome import Criterion, Motion, motion_of_object, object_criteria, object_motion
+from robustopt.execution.simulation import Record, joint_velocities
 from robustopt.execution.truth import TrueBody, World, believed_world
 from robustopt.geometry import RESOLUTION, Placement, half_height, placements, rotation, supports
 from robustopt.robot import Robot, load_robot
@@ -33,11 +36,23 @@ SOLIMP = (0.95, 0.95, 0.001, 0.5, 2.0)
 IMPEDANCE_RATIO = 10.0
 """Friction is this much stiffer than the normal direction, so that objects do not creep."""
 TOLERANCE, ITERATIONS = 1e-10, 100
+DISTANCE, AZIMUTH, ELEVATION = 0.6, 215.0, -18.0
+"""Place of the camera: from the tray's path plus its length [m], about the vertical and above the horizon [deg]."""
 ROUND_CORNERS = 16
 """MuJoCo touches with a round face as if it were a regular polygon of so many corners, up to four of them at a time."""
 ROUND_GROWTH = 1.009
 """A round base is two such polygons turned against each other, this much wider: by half of what their 32 corners fall
 short of the circle, and by what the load loses as it spreads over several (measured, see tests/test_fidelity.py)."""
+
+
+class View(NamedTuple):
+    """Place of a camera: the point it looks at (3,) and its distance from there [m], about the vertical and above the
+    horizon [deg]."""
+
+    lookat: Array
+    distance: float
+    azimuth: float
+    elevation: float
 
 
 @dataclass(frozen=True)
@@ -60,23 +75,21 @@ class Interface:
 
 
 @dataclass(frozen=True)
-class Layout:
-    """Where things are in the arrays of a compiled scene.
+class Layout(JointLayout):
+    """Where things are in the arrays of a compiled scene; bodies: of the tray and of each object.
 
-    joints, dofs: of the arm (n,) in qpos and qvel; control: first control column of each joint (n,); objects: first
-    index in qpos of each object; bodies: number of the tray and of each object
+    objects: first index in qpos of each object
     """
 
-    joints: Array
-    dofs: Array
-    control: Array
     objects: Mapping[str, int]
-    bodies: Mapping[str, int]
     interfaces: tuple[Interface, ...]
 
 
 class SceneBuilder:
-    """Builds the models of a configuration's world; all of one builder have the same layout."""
+    """The world of a robot with a tray (see `scenes.Scene`); all models of one builder have the same layout."""
+
+    driven = slice(None)
+    pushed = "tray"
 
     def __init__(self, config: Config, gains: Gains, timestep: float) -> None:
         # The world has joint friction whether or not the planner counts it.
@@ -84,26 +97,23 @@ class SceneBuilder:
         self._config = config
         self.robot: Robot = load_robot(frictional)
         self._placed = placements(config)
-        self._believed = believed_world(config)
-        self._base = self._with_arm(gains, timestep)
+        self._gains = gains
+        self.believed = believed_world(config)
+        self.joint_names, self.torque_limit = self.robot.joint_names, self.robot.limits.torque
+        self._base = self._with_arm(timestep)
 
     def model(self, world: World, sky: bool = False) -> mujoco.MjModel:
         """The compiled world; `sky`: with a light background, for pictures."""
         spec = self._base.copy()
         if sky:
-            kind, gradient = mujoco.mjtTexture.mjTEXTURE_SKYBOX, mujoco.mjtBuiltin.mjBUILTIN_GRADIENT
-            spec.add_texture(type=kind, builtin=gradient, rgb1=_SKY, rgb2=_SKY, width=8, height=48)
+            add_sky(spec)
         self._add_tray(spec, world)
         for name in self._placed:
             body = self._add_object(spec.worldbody, name, world, np.zeros(3), _quaternion(0.0))
             body.add_freejoint(name=PREFIX + name)
         self._add_pairs(spec, world)
         self._add_sensors(spec)
-        try:
-            return spec.compile()
-        except ValueError as error:
-            message = f"no such body can be: {' '.join(str(error).split())}".replace(PREFIX, "")
-            raise ConfigError(message, key="execution.truth") from error
+        return compiled(spec)
 
     def rigid(self) -> mujoco.MjModel:
         """Arm with tray and objects fixed to it, as the planner believes them to be: for the torque of a motion."""
@@ -112,9 +122,9 @@ class SceneBuilder:
             spec.delete(item)
         for joint in spec.joints:
             joint.actgravcomp = False
-        tray = self._add_tray(spec, self._believed)
+        tray = self._add_tray(spec, self.believed)
         for name, placement in self._placed.items():
-            self._add_object(tray, name, self._believed, placement.position, _quaternion(placement.yaw))
+            self._add_object(tray, name, self.believed, placement.position, _quaternion(placement.yaw))
         return spec.compile()
 
     def layout(self, model: mujoco.MjModel) -> Layout:
@@ -145,10 +155,35 @@ class SceneBuilder:
             mujoco.mju_mulQuat(qpos[at + 3 : at + 7], tray, _quaternion(placement.yaw))
         return qpos
 
+    def controls(self, model: mujoco.MjModel, layout: Layout, planned: Reference) -> Array:
+        """Control inputs at every time step, (N, nu)."""
+        torque = computed_torque(self.rigid(), planned) if self._gains.inputs == WITH_TORQUE else None
+        return controls(model, layout, planned, torque)
+
+    def velocities(self, layout: Layout, record: Record, i: int) -> Array:
+        """Joint velocities of a trial, (N + 1, n)."""
+        return joint_velocities(record, layout.dofs, i)
+
+    def motions(self, layout: Layout, planned: Reference, record: Record, i: int) -> dict[str, Motion]:
+        """Movement of every object against what it stands on."""
+        found: dict[str, list[Motion]] = {}
+        for item in layout.interfaces:
+            found.setdefault(item.object, []).append(object_motion(item, record.sensors[i]))
+        return {name: motion_of_object(motions) for name, motions in found.items()}
+
+    def criteria(self, failure: FailureConfig) -> dict[str, tuple[Criterion, ...]]:
+        """How every object fails."""
+        return dict.fromkeys(self._config.objects, object_criteria(failure))
+
+    def view(self, layout: Layout, qpos: Array) -> View:
+        """A camera that sees the whole path of the tray."""
+        tray, _ = self.robot.tray_pose(qpos[::100][:, layout.joints])
+        return View(tray.mean(axis=0), DISTANCE + float(np.ptp(tray, axis=0).max()), AZIMUTH, ELEVATION)
+
     # Parts of the specification ---------------------------------------------------------------------------
 
-    def _with_arm(self, gains: Gains, timestep: float) -> mujoco.MjSpec:
-        spec, limits = self.robot.spec.copy(), self.robot.limits
+    def _with_arm(self, timestep: float) -> mujoco.MjSpec:
+        spec, limits, gains = self.robot.spec.copy(), self.robot.limits, self._gains
         _set_options(spec, timestep)
         for pair in [*spec.pairs, *spec.excludes]:
             spec.delete(pair)
@@ -167,11 +202,11 @@ class SceneBuilder:
         return spec
 
     def _add_tray(self, spec: mujoco.MjSpec, world: World) -> mujoco.MjsBody:
-        site, size = spec.site(TRAY_SITE), np.array(self._config.tray.size) / 2
+        site, size = spec.site(TRAY_SITE), np.array(self._config.carried_tray.size) / 2
         body = site.parent.add_body(name=PREFIX + "tray", pos=site.pos, quat=site.quat)
-        _set_inertia(body, world.bodies["tray"])
+        set_inertia(body, world.bodies["tray"])
         # The controller compensates the weight that the planner believes, not the true one.
-        body.gravcomp = self._believed.bodies["tray"].mass / world.bodies["tray"].mass
+        body.gravcomp = self.believed.bodies["tray"].mass / world.bodies["tray"].mass
         body.add_geom(
             name=PREFIX + "tray", type=mujoco.mjtGeom.mjGEOM_BOX, size=size, rgba=(0.3, 0.3, 0.35, 1.0), **_PASSIVE
         )
@@ -182,7 +217,7 @@ class SceneBuilder:
     ) -> mujoco.MjsBody:
         shape, truth = self._config.objects[name], world.bodies[name]
         body = parent.add_body(name=PREFIX + name, pos=position, quat=quaternion)
-        _set_inertia(body, truth)
+        set_inertia(body, truth)
         colour = _COLOURS[list(self._config.objects).index(name) % len(_COLOURS)]
         body.add_geom(name=PREFIX + name, rgba=(*colour, 1.0), **_shape(shape, 0.0), **_PASSIVE)
         for base, turn in _bases(name, shape).items():
@@ -232,7 +267,7 @@ class SceneBuilder:
         return [(name, support) for name in self._placed for support in supports(self._config.objects[name])]
 
     def _interfaces(self, model: mujoco.MjModel) -> list[Interface]:
-        tray = Placement(np.zeros(3), 0.0, self._config.tray.size[2] / 2)
+        tray = Placement(np.zeros(3), 0.0, self._config.carried_tray.size[2] / 2)
         found = []
         for name, support in self._resting():
             upper, lower = self._placed[name], self._placed.get(support, tray)
@@ -249,6 +284,21 @@ _PASSIVE = {"contype": 0, "conaffinity": 0}
 _HIDDEN = (0.0, 0.0, 0.0, 0.0)
 _SKY = (0.93, 0.95, 0.97)
 _COLOURS = ((0.85, 0.45, 0.25), (0.25, 0.5, 0.85), (0.35, 0.65, 0.35), (0.8, 0.7, 0.3))
+
+
+def compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    """The model of a true world; bodies that no inertia can be of are a ConfigError."""
+    try:
+        return spec.compile()
+    except ValueError as error:
+        message = f"no such body can be: {' '.join(str(error).split())}".replace(PREFIX, "")
+        raise ConfigError(message, key="execution.truth") from error
+
+
+def add_sky(spec: mujoco.MjSpec) -> None:
+    """A light background, for pictures."""
+    kind, gradient = mujoco.mjtTexture.mjTEXTURE_SKYBOX, mujoco.mjtBuiltin.mjBUILTIN_GRADIENT
+    spec.add_texture(type=kind, builtin=gradient, rgb1=_SKY, rgb2=_SKY, width=8, height=48)
 
 
 def _bases(name: str, shape: ObjectConfig) -> dict[str, float]:
@@ -273,7 +323,8 @@ def _set_options(spec: mujoco.MjSpec, timestep: float) -> None:
     option.disableflags, option.enableflags = int(mujoco.mjtDisableBit.mjDSBL_AUTORESET), 0
 
 
-def _set_inertia(body: mujoco.MjsBody, truth: TrueBody) -> None:
+def set_inertia(body: mujoco.MjsBody, truth: TrueBody) -> None:
+    """Give a body its true mass, centre of mass and inertia."""
     body.explicitinertial = True
     body.mass, body.ipos = truth.mass, truth.center_of_mass
     i = truth.inertia

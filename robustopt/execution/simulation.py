@@ -36,6 +36,16 @@ class Record:
     diverged: Array
 
 
+def joint_positions(record: Record, joints: Array, i: int) -> Array:
+    """Positions of joints of a trial at the start of each step, (N, m); joints: their indices in qpos."""
+    return np.vstack([record.start_qpos[i, joints], record.qpos[i, :-1][:, joints]])
+
+
+def joint_velocities(record: Record, dofs: Array, i: int) -> Array:
+    """Velocities of joints of a trial before each step and after the last, (N + 1, m); dofs: their indices in qvel."""
+    return np.vstack([record.start_qvel[i, dofs], record.qvel[i][:, dofs]])
+
+
 class Workspace:
     """Large arrays that are used again from chunk to chunk: to have new ones zeroed costs as much as a tenth of a run.
 

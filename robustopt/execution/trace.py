@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robustopt.config_model import Config
-from robustopt.execution.execute import prepare
+from robustopt.execution.execute import faster, prepare
 from robustopt.execution.feedback import acceleration_error
-from robustopt.execution.monte_carlo import joint_positions, joint_velocities, outcome_of, simulate_trials
-from robustopt.execution.outcome import Motion, TrialOutcome, motion_of_object, object_motion
+from robustopt.execution.footing import FootContact
+from robustopt.execution.monte_carlo import outcome_of, simulate_trials, tracking_error
+from robustopt.execution.outcome import Motion, TrialOutcome
 from robustopt.execution.simulation import Workspace
+from robustopt.execution.walker_scene import WalkerLayout, WalkerScene
+from robustopt.foot_forces import FootForces, planned_forces
 from robustopt.timescaling import Plan
 
 Array = NDArray[np.float64]
@@ -21,11 +24,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Trace:
-    """A trial over time, N steps, n joints.
+    """A trial over time, N steps, n coordinates of the plan, m of them joints with a motor.
 
     t: start of each step, 0 where the motion starts (N,) [s]; moving: (N,) steps of the motion; tracking_error: joint
-    positions less their reference (N, n) [rad or m]; planned: joint acceleration; executed: that plus the low-passed
-    error (see `feedback`), (N, n) [rad/s^2]; objects: movement of each against what it stands on; qpos: (N, nq)
+    positions less their reference (N, m) [rad or m]; planned: acceleration; executed: that plus the low-passed error
+    (see `feedback`), (N, n) [rad/s^2]; objects: movement of each against what it stands on, of both feet and the trunk
+    of a robot on its feet; qpos: (N, nq); joint_names: (m,); thresholds: of slip, tilt, drop and lift, by name;
+    feet: what the floor did to each foot; planned_feet: what it was to do
     """
 
     outcome: TrialOutcome
@@ -36,28 +41,34 @@ class Trace:
     executed: Array
     objects: Mapping[str, Motion]
     qpos: Array
+    joint_names: tuple[str, ...]
+    thresholds: Mapping[str, float]
+    feet: Mapping[str, FootContact] = field(default_factory=dict)
+    planned_feet: FootForces | None = None
 
 
 def trace(config: Config, plan: Plan, trial: int, seed: int | None = None, speed: float = 1.0) -> Trace:
     """Simulate trial number `trial` of `execute` with the same arguments once more, and keep what it does over time."""
     job = prepare(config, plan, seed, speed)
     prepared, record = simulate_trials(job, [trial], 1, Workspace())
-    layout, planned = prepared.layout, job.planned
-    names = dict.fromkeys(interface.object for interface in layout.interfaces)
-    motions = {
-        name: motion_of_object(
-            [object_motion(item, record.sensors[0]) for item in layout.interfaces if item.object == name]
-        )
-        for name in names
-    }
-    error, _ = acceleration_error(joint_velocities(record, layout, 0), planned.qdd, job.execution.timestep)
+    scene, layout, planned = prepared.scene, prepared.layout, job.planned
+    error, _ = acceleration_error(scene.velocities(layout, record, 0), planned.qdd, job.execution.timestep)
+    criteria = [item for items in scene.criteria(job.execution.failure).values() for item in items]
+    feet: dict[str, FootContact] = {}
+    planned_feet = None
+    if isinstance(scene, WalkerScene) and isinstance(layout, WalkerLayout):
+        feet, planned_feet = scene.contacts(layout, record, 0), planned_forces(faster(plan, speed))
     return Trace(
         outcome=outcome_of(job, prepared, record, 0),
         t=planned.t,
         moving=planned.moving,
-        tracking_error=joint_positions(record, layout, 0) - planned.q - prepared.offsets[0],
+        tracking_error=tracking_error(job, prepared, record, 0),
         planned=planned.qdd,
         executed=planned.qdd + error,
-        objects=motions,
+        objects=scene.motions(layout, planned, record, 0),
         qpos=record.qpos[0],
+        joint_names=scene.joint_names,
+        thresholds={item.kind: item.limit for item in criteria},
+        feet=feet,
+        planned_feet=planned_feet,
     )

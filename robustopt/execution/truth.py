@@ -22,9 +22,10 @@ Draw = Callable[[float, float, bool], float]
 
 @dataclass(frozen=True)
 class TrueBody:
-    """The tray or an object: mass [kg], centre of mass in its own frame (3,) [m], inertia about it (3, 3) [kg m^2].
+    """The tray, an object or a body of the robot.
 
-    inset: how much smaller than the shape its base is on every side [m]
+    mass [kg]; center_of_mass: in its own frame (3,) [m]; inertia: about that (3, 3) [kg m^2]; inset: how much smaller
+    than the shape its base is on every side [m]
     """
 
     mass: float
@@ -35,7 +36,8 @@ class TrueBody:
 
 @dataclass(frozen=True)
 class World:
-    """friction: coefficient of the interface under each object; bodies: the tray (`tray`) and the objects, by name."""
+    """friction: coefficient of the interface under each object, or foot; bodies: the tray (`tray`) and the objects, by
+    name, or those of the robot that the truth says something about."""
 
     friction: Mapping[str, float]
     bodies: Mapping[str, TrueBody]
@@ -50,19 +52,23 @@ def varies(truth: TruthConfig) -> bool:
 
 
 def believed_world(config: Config) -> World:
-    """The world of the planner's point values."""
-    friction = {name: _of(config.contact.friction, name) for name in config.objects}
-    bodies = {"tray": _believed_body(config.tray)}
+    """The world of the planner's point values, of a robot with a tray."""
+    friction = believed_friction(config)
+    bodies = {"tray": _believed_body(config.carried_tray)}
     return World(friction, bodies | {name: _believed_body(item) for name, item in config.objects.items()})
+
+
+def believed_friction(config: Config) -> dict[str, float]:
+    """What the planner takes for the coefficient of friction of each interface."""
+    return {name: _of(config.contact.friction, name) for name in config.interfaces}
 
 
 def _believed_body(item: TrayConfig | ObjectConfig) -> TrueBody:
     return TrueBody(item.mass, np.array(item.center_of_mass), inertia_matrix(item))
 
 
-def true_world(config: Config, truth: TruthConfig, random: np.random.Generator) -> World:
-    """The world of one trial."""
-    believed = believed_world(config)
+def true_world(believed: World, truth: TruthConfig, random: np.random.Generator) -> World:
+    """The world of one trial, whose objects are those of what is believed."""
     draw = _sampler(truth.variation, random)
     friction = {}
     for name, belief in believed.friction.items():

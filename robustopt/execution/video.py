@@ -15,7 +15,7 @@ from robustopt.config_model import Config
 from robustopt.errors import SimulationFailed
 from robustopt.execution.disturbance import WORLD, generator
 from robustopt.execution.execute import prepare
-from robustopt.execution.scene import SceneBuilder
+from robustopt.execution.scene import View
 from robustopt.execution.trace import Trace
 from robustopt.execution.truth import true_world
 from robustopt.timescaling import Plan
@@ -26,18 +26,17 @@ FRAMES_PER_SECOND = 30
 WIDTH, HEIGHT = 480, 360
 STRIP = 6
 """Frames of a strip."""
-DISTANCE, AZIMUTH, ELEVATION = 0.6, 215.0, -18.0
-"""Place of the camera: from the tray's path plus its length [m], about the vertical and above the horizon [deg]."""
 
 
 def film(config: Config, plan: Plan, traces: Sequence[Trace], seed: int | None = None) -> list[Image]:
     """Frames of trials side by side, each (HEIGHT, WIDTH * len(traces), 3)."""
     job = prepare(config, plan, seed)
-    builder = SceneBuilder(job.config, job.gains, job.execution.timestep)
+    scene = job.scene
     columns = []
     for trace in traces:
-        world = true_world(job.config, job.execution.truth, generator(job.seed, trace.outcome.trial, WORLD))
-        columns.append(_frames(builder, builder.model(world, sky=True), trace))
+        world = true_world(scene.believed, job.execution.truth, generator(job.seed, trace.outcome.trial, WORLD))
+        model = scene.model(world, sky=True)
+        columns.append(_frames(model, scene.view(scene.layout(model), trace.qpos), trace))
     return [np.concatenate(row, axis=1) for row in zip(*columns, strict=True)]
 
 
@@ -76,15 +75,12 @@ def _write_webp(frames: Sequence[Image], path: Path) -> Path:
     return path
 
 
-def _frames(builder: SceneBuilder, model: mujoco.MjModel, trace: Trace) -> list[Image]:
+def _frames(model: mujoco.MjModel, view: View, trace: Trace) -> list[Image]:
     model.vis.global_.offwidth, model.vis.global_.offheight = WIDTH, HEIGHT
     model.vis.headlight.ambient[:] = 0.45
     camera, data = mujoco.MjvCamera(), mujoco.MjData(model)
-    arm = trace.qpos[:, builder.layout(model).joints]
-    tray, _ = builder.robot.tray_pose(arm[::100])
-    camera.lookat[:] = tray.mean(axis=0)
-    camera.distance = DISTANCE + float(np.ptp(tray, axis=0).max())
-    camera.azimuth, camera.elevation = AZIMUTH, ELEVATION
+    camera.lookat[:] = view.lookat
+    camera.distance, camera.azimuth, camera.elevation = view.distance, view.azimuth, view.elevation
     every = max(1, round(1 / FRAMES_PER_SECOND / model.opt.timestep))
     try:
         renderer = mujoco.Renderer(model, HEIGHT, WIDTH)

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 from matplotlib.figure import Figure
 
 from robustopt.certificate import interface_utilisation
-from robustopt.config_model import ExecutionConfig
 from robustopt.plotting.bars import contacts_figure, shares_figure
-from robustopt.plotting.executions import accelerations_figure, trials_figure
+from robustopt.plotting.executions import accelerations_figure, foot_contacts_figure, trials_figure
+from robustopt.plotting.feet import feet_figure, foot_utilisation, footprints_figure
 from robustopt.plotting.joints import joint_figures
 from robustopt.plotting.learning import learning_figure
 from robustopt.plotting.phase_plane import phase_plane
@@ -60,24 +60,23 @@ def write_figures(plan: Plan, config: Config, folder: Path, certificate: Certifi
         return [path for name, figure in drawn.items() for path in save(figure, folder, name)]
 
 
-def write_execution_figures(
-    config: Config, traces: Sequence[Trace], joint_names: Sequence[str], folder: Path
-) -> list[Path]:
+def write_execution_figures(config: Config, traces: Sequence[Trace], names: Sequence[str], folder: Path) -> list[Path]:
     """Write the figures of trials: the first trace is the one whose accelerations are drawn.
 
     Args:
         config: what was executed.
         traces: of one trial, or of several to stand side by side.
-        joint_names: of the robot.
+        names: of the plan's coordinates: the robot's joints, after those of its base where that is free.
         folder: made if it is missing.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    failure = (config.execution or ExecutionConfig()).failure
     with house_style():
         drawn = {
-            "trials": trials_figure(traces, joint_names, failure, config.name),
-            "accelerations": accelerations_figure(traces[0], joint_names, config.name),
+            "trials": trials_figure(traces, config.name),
+            "accelerations": accelerations_figure(traces[0], names, config.name),
         }
+        if config.walks:
+            drawn["foot_contacts"] = foot_contacts_figure(traces, config.name)
         return [path for name, figure in drawn.items() for path in save(figure, folder, name)]
 
 
@@ -107,10 +106,17 @@ def figures(plan: Plan, config: Config, certificate: Certificate | None = None) 
 
 def _contacts(plan: Plan, config: Config, title: str, certificate: Certificate | None) -> dict[str, Figure]:
     """The figure of the contacts, if there are any."""
+    worst = {} if certificate is None else _worst_utilisation(certificate)
+    if config.walks:
+        times, utilisation = foot_utilisation(config, plan)
+        return {
+            "feet": feet_figure(plan, title),
+            "footprints": footprints_figure(plan, title),
+            "contacts": contacts_figure(times, utilisation, title, worst, "planned forces at the least friction"),
+        }
     if not config.objects:
         return {}
     times, utilisation = interface_utilisation(config, plan)
-    worst = {} if certificate is None else _worst_utilisation(certificate)
     return {"contacts": contacts_figure(times, utilisation, title, worst)}
 
 

@@ -47,7 +47,11 @@ def shares_figure(shares: Mapping[str, float], title: str) -> Figure:
 
 
 def contacts_figure(
-    times: Array, utilisation: Utilisation, title: str, worst: Mapping[str, float] | None = None
+    times: Array,
+    utilisation: Utilisation,
+    title: str,
+    worst: Mapping[str, float] | None = None,
+    what: str = "contacts at the configured values",
 ) -> Figure:
     """One row per contact: used part of the friction and of the contact patch over time, 1 at the limit.
 
@@ -57,6 +61,7 @@ def contacts_figure(
             has the balance of all its contacts and no tipping, which is nan throughout.
         title: title of the figure.
         worst: largest utilisation over all uncertain parameters, by the name of the contact.
+        what: the curves show.
     """
     figure = Figure(figsize=(9, 1.1 + 1.5 * len(utilisation)))
     rows = figure.subplots(len(utilisation), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
@@ -74,5 +79,5 @@ def contacts_figure(
     figure.legend(list(handles.values()), list(handles), loc="outside lower left", ncols=len(handles))
     rows[-1].set_xlabel("time [s]")
     figure.supylabel("used part of the limit [1]", fontsize=9)
-    figure.suptitle(f"{title}, contacts at the configured values", x=0.01, ha="left")
+    figure.suptitle(f"{title}, {what}", x=0.01, ha="left")
     return figure

@@ -1,41 +1,53 @@
-"""Trials over time: how far objects and joints stray, and the executed acceleration against the plan."""
+"""Trials over time: how far objects, feet and joints stray, executed acceleration and foot forces against the plan."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from robustopt.config_model import FailureConfig
 from robustopt.execution.trace import Trace
-from robustopt.plotting.style import BLUE, GREY, INK, LIMIT_COLOURS, VERMILLION
+from robustopt.plotting.style import BLUE, GREY, INK, LIMIT_COLOURS, PALE, VERMILLION
 
 SHOWN = 1.5
 """What exceeds this many times its threshold is cut off: an object on the floor says nothing more."""
 
+FAR = 10.0
+"""A threshold this many times further off than anything came is left out, so that what there is can be seen."""
 
-def trials_figure(traces: Sequence[Trace], joint_names: Sequence[str], failure: FailureConfig, title: str) -> Figure:
-    """Slip and tilt of every object and tracking error of every joint over time, a column per trial."""
+FOOT_COLOURS = {"left_foot": BLUE, "right_foot": VERMILLION}
+
+STILL = 1e-3
+"""A coordinate that is accelerated by less than this part of the one that is accelerated most is not moved."""
+
+LOADED = 0.05
+"""Part of the largest planned force on a foot below which its centre of pressure says nothing."""
+
+
+def trials_figure(traces: Sequence[Trace], title: str) -> Figure:
+    """Slip and tilt of everything that friction holds and tracking error of joints over time, a column per trial."""
     figure = Figure(figsize=(max(3.6 * len(traces), 5.0) + 1.6, 6.4))
     axes = figure.subplots(3, len(traces), sharex="col", sharey="row", squeeze=False)
-    rows = (("slip", 1e3, failure.slip, "slip [mm]"), ("tilt", np.degrees(1.0), failure.tilt, "tilt [°]"))
+    rows = (("slip", 1e3, "slip [mm]"), ("tilt", np.degrees(1.0), "tilt [°]"))
+    shown = _shown_joints(traces)
     for column, trace in enumerate(traces):
-        for row, (kind, factor, limit, _) in enumerate(rows):
+        for row, (kind, factor, _) in enumerate(rows):
             for colour, (name, motion) in zip(LIMIT_COLOURS, trace.objects.items(), strict=False):
-                axes[row, column].plot(trace.t, factor * getattr(motion, kind), color=colour, label=name)
-            axes[row, column].axhline(factor * limit, color=INK, linewidth=0.8)
-        for colour, name, error in zip(LIMIT_COLOURS, joint_names, 1e3 * trace.tracking_error.T, strict=False):
+                axes[row, column].plot(trace.t, factor * getattr(motion, kind), color=colour, label=_words(name))
+            axes[row, column].axhline(factor * trace.thresholds[kind], color=INK, linewidth=0.8)
+        for colour, joint in zip(LIMIT_COLOURS, shown, strict=False):
+            name, error = _words(trace.joint_names[joint]), 1e3 * trace.tracking_error[:, joint]
             axes[2, column].plot(trace.t, error, color=colour, linewidth=1.0, label=name)
-        outcome = trace.outcome
-        axes[0, column].set_title(f"trial {outcome.trial}: {outcome.status.value} {outcome.what}".rstrip())
+        axes[0, column].set_title(_heading(trace))
         axes[2, column].set_xlabel("time [s]")
         for axis in axes[:, column]:
             _mark(axis, trace)
-    for row, (_, factor, limit, label) in enumerate(rows):
+    for row, (kind, factor, label) in enumerate(rows):
         axes[row, 0].set_ylabel(label)
-        axes[row, 0].set_ylim(0, SHOWN * factor * limit)
+        axes[row, 0].set_ylim(0, factor * _top(traces, kind))
     before = [np.abs(trace.tracking_error[_sound(trace)]).max(initial=1e-9) for trace in traces]
     axes[2, 0].set_ylim(-1.3e3 * max(before), 1.3e3 * max(before))
     axes[2, 0].set_ylabel("tracking error [mrad]")
@@ -45,23 +57,128 @@ def trials_figure(traces: Sequence[Trace], joint_names: Sequence[str], failure: 
     return figure
 
 
-def accelerations_figure(trace: Trace, joint_names: Sequence[str], title: str) -> Figure:
-    """Joint acceleration of a trial, low-passed, against the plan, a row per joint."""
-    figure = Figure(figsize=(6.5, 0.8 + 1.1 * len(joint_names)))
-    axes = figure.subplots(len(joint_names), 1, sharex=True, squeeze=False)[:, 0]
+def accelerations_figure(trace: Trace, names: Sequence[str], title: str) -> Figure:
+    """Acceleration of a trial, low-passed, against the plan, a row for each coordinate that the plan moves.
+
+    names: of the plan's coordinates (n,)
+    """
+    peaks = np.abs(trace.planned).max(axis=0)
+    moved = np.flatnonzero(peaks > STILL * peaks.max())
+    figure = Figure(figsize=(6.5, 0.8 + 1.1 * len(moved)))
+    axes = figure.subplots(len(moved), 1, sharex=True, squeeze=False)[:, 0]
     shown = np.convolve(trace.moving, np.ones(101), mode="same") > 0
-    for joint, (axis, name) in enumerate(zip(axes, joint_names, strict=True)):
-        axis.plot(trace.t[shown], trace.executed[shown, joint], color=BLUE, linewidth=1.0, label="executed")
-        axis.plot(trace.t[shown], trace.planned[shown, joint], color=INK, linewidth=0.8, label="planned")
-        peak = np.abs(trace.planned[shown, joint]).max(initial=1e-6)
+    for axis, k in zip(axes, moved, strict=True):
+        axis.plot(trace.t[shown], trace.executed[shown, k], color=BLUE, linewidth=1.0, label="executed")
+        axis.plot(trace.t[shown], trace.planned[shown, k], color=INK, linewidth=0.8, label="planned")
+        peak = np.abs(trace.planned[shown, k]).max(initial=1e-6)
         axis.set_ylim(-2.0 * peak, 2.0 * peak)
-        axis.set_ylabel(name)
+        axis.set_ylabel(_words(names[int(k)]).replace(" ", "\n"))
         _mark(axis, trace)
     axes[-1].set_xlabel("time [s]")
-    axes[0].set_title(f"joint acceleration [rad/s²], trial {trace.outcome.trial}")
+    unit = "[m/s², rad/s²]" if trace.feet else "[rad/s²]"
+    axes[0].set_title(f"{'' if trace.feet else 'joint '}acceleration {unit}, trial {trace.outcome.trial}")
     axes[0].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     figure.suptitle(title, x=0.01, ha="left")
     return figure
+
+
+def foot_contacts_figure(traces: Sequence[Trace], title: str) -> Figure:
+    """Normal force, used friction and centre of pressure of each foot over time beside the planned ones.
+
+    A column per trial of a robot on its feet.
+    """
+    figure = Figure(figsize=(max(3.6 * len(traces), 5.0) + 1.6, 8.4))
+    axes = figure.subplots(4, len(traces), sharex="col", sharey="row", squeeze=False)
+    labels = ("normal force [N]", "horizontal / normal force", "centre of pressure, x [m]", "centre of pressure, y [m]")
+    for column, trace in enumerate(traces):
+        _draw_feet(list(axes[:, column]), trace)
+        axes[0, column].set_title(_heading(trace))
+        axes[-1, column].set_xlabel("time [s]")
+        for axis in axes[:, column]:
+            _mark(axis, trace)
+    for axis, label in zip(axes[:, 0], labels, strict=True):
+        axis.set_ylabel(label)
+    most = max(_planned_load(trace) for trace in traces)
+    axes[0, 0].set_ylim(0, 1.3 * most)
+    axes[1, 0].set_ylim(0, 1.6 * max(mu for trace in traces for mu in trace.outcome.friction.values()))
+    for row, spread in ((2, 0), (3, 1)):
+        places = np.concatenate([p[..., spread].ravel() for trace in traces for p in _soles(trace)])
+        axes[row, 0].set_ylim(places.min() - 0.03, places.max() + 0.03)
+    axes[0, -1].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    axes[1, -1].plot([], [], color=INK, linewidth=0.8, linestyle=":", label="true friction")
+    axes[1, -1].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    figure.suptitle(
+        f"{title}: pale: as measured, low-passed; thin: as planned; grey: loaded soles as planned", x=0.01, ha="left"
+    )
+    return figure
+
+
+def _draw_feet(axes: Sequence[Axes], trace: Trace) -> None:
+    planned = trace.planned_feet
+    assert planned is not None
+    load, friction, along, across = axes
+    least = LOADED * _planned_load(trace)
+    for name, contact in trace.feet.items():
+        colour, label = FOOT_COLOURS[name], _words(name)
+        force, wanted = contact.force, planned.total(name)
+        pressed, wanted_pressed = force[:, 2] > least, wanted[:, 2] > least
+        pale: dict[str, Any] = {"color": colour, "alpha": 0.45, "linewidth": 2.4}
+        thin: dict[str, Any] = {"color": colour, "linewidth": 0.9}
+        load.plot(trace.t, force[:, 2], **pale)
+        load.plot(planned.t, wanted[:, 2], label=label, **thin)
+        friction.plot(trace.t, _ratio(force, pressed), **pale)
+        friction.plot(planned.t, _ratio(wanted, wanted_pressed), **thin)
+        friction.axhline(trace.outcome.friction[name], color=colour, linewidth=0.8, linestyle=":")
+        place = np.where(pressed[:, None], contact.center_of_pressure, np.nan)
+        wanted_place = np.where(wanted_pressed[:, None], planned.center_of_pressure(name), np.nan)
+        for axis, k in ((along, 0), (across, 1)):
+            sole = planned.points[name][..., k]
+            axis.fill_between(
+                planned.t, sole.min(axis=1), sole.max(axis=1), where=wanted_pressed.tolist(), color=PALE, linewidth=0
+            )
+            axis.plot(trace.t, place[:, k], **pale)
+            axis.plot(planned.t, wanted_place[:, k], **thin)
+
+
+def _ratio(force: np.ndarray, pressed: np.ndarray) -> np.ndarray:
+    """Horizontal over normal force (N,), nan where the foot is not pressed."""
+    normal = np.where(pressed, force[:, 2], np.nan)
+    return np.asarray(np.hypot(force[:, 0], force[:, 1]) / normal)
+
+
+def _planned_load(trace: Trace) -> float:
+    planned = trace.planned_feet
+    assert planned is not None
+    return max(float(planned.total(name)[:, 2].max()) for name in trace.feet)
+
+
+def _soles(trace: Trace) -> list[np.ndarray]:
+    assert trace.planned_feet is not None
+    return list(trace.planned_feet.points.values())
+
+
+def _shown_joints(traces: Sequence[Trace]) -> list[int]:
+    """Joints whose tracking error is drawn: all, or those that stray the most, in their order."""
+    stray = np.max([np.abs(trace.tracking_error[_sound(trace)]).max(axis=0, initial=0.0) for trace in traces], axis=0)
+    return sorted(np.argsort(-stray, kind="stable")[: len(LIMIT_COLOURS)].tolist())
+
+
+def _top(traces: Sequence[Trace], kind: str) -> float:
+    """End of an axis: a little beyond the threshold, unless nothing comes anywhere near it."""
+    limit = max(trace.thresholds[kind] for trace in traces)
+    parts = [getattr(motion, kind)[_sound(trace)] for trace in traces for motion in trace.objects.values()]
+    largest = max(float(np.nanmax(part)) for part in parts if np.isfinite(part).any())
+    return SHOWN * limit if largest > limit / FAR else SHOWN * max(largest, 1e-9)
+
+
+def _heading(trace: Trace) -> str:
+    outcome = trace.outcome
+    what = f" {_words(outcome.what)}" if outcome.what else ""
+    return f"trial {outcome.trial}: {outcome.status.value}{what}"
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ")
 
 
 def _sound(trace: Trace) -> np.ndarray:

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
+from robustopt.foot_forces import planned_forces
 from robustopt.plotting.style import BLUE, INK, VERMILLION
 from robustopt.trajectory import Trajectory, joint_motion
 from robustopt.uncertainty import acceleration_error
@@ -63,8 +64,8 @@ def joint_figures(plan: Plan, title: str) -> list[Figure]:
     Solid lines are the limits, dotted ones the limits less what the uncertain parameters may add to the plan.
     """
     times, quantities = joint_quantities(plan)
-    names = plan.problem.robot.joint_names
-    groups = [range(k, min(k + JOINTS_PER_FIGURE, len(names))) for k in range(0, len(names), JOINTS_PER_FIGURE)]
+    driven = np.flatnonzero(np.isfinite(plan.problem.robot.limits.torque)).tolist()
+    groups = [driven[k : k + JOINTS_PER_FIGURE] for k in range(0, len(driven), JOINTS_PER_FIGURE)]
     return [_figure(plan, times, quantities, group, title) for group in groups]
 
 
@@ -80,12 +81,17 @@ def joint_quantities(plan: Plan) -> tuple[Array, list[Quantity]]:
     sdd = np.repeat(trajectory.sdd[moving], 2)
     motion = joint_motion(trajectory.path, trajectory.piece[points], t, s, sd, sdd)
     limits = plan.problem.robot.limits
-    return t, [
+    quantities = [
         Quantity("position", motion.q, limits.lower, limits.upper),
         Quantity("velocity", motion.qd, -limits.velocity, limits.velocity),
         _acceleration(plan, motion.qdd),
-        _torque(plan, points, sdd, sd**2),
     ]
+    if plan.problem.config.walks:
+        planned = planned_forces(plan).torque[1:-1]
+        quantities.append(Quantity("torque", planned, -limits.torque, limits.torque))
+    else:
+        quantities.append(_torque(plan, points, sdd, sd**2))
+    return t, quantities
 
 
 def _acceleration(plan: Plan, value: Array) -> Quantity:

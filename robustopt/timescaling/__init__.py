@@ -1,8 +1,9 @@
 """Solvers: one contract, same optimum.
 
-`solve` repeats an outer solver (`reachability` or `ipopt`) until two things hold that its rows may lack: contact forces
-exist at both ends of every interval for every value of the parameters (inner programs, whose duals become rows), and
-the viscous torque, which the rows have linearised, is within its limit and the linearisation has settled.
+`solve` repeats an outer solver (`reachability` or `ipopt`) until three things hold that its rows may lack: contact
+forces exist at both ends of every interval for every value of the parameters (inner programs, whose duals become rows);
+where two feet share the load, some of these forces keep the joint torques within their limits (likewise); and the
+viscous torque, which the rows have linearised, is within its limit and the linearisation has settled.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy as np
 from robustopt.problem import TimeScalingProblem
 from robustopt.timescaling.plan import Plan, Status, binding_rows, failed_plan, interval_ends
 from robustopt.timescaling.reachability import solve_reachability
+from robustopt.walking import StandingTorque
 
 __all__ = ["Plan", "Status", "solve", "standstill"]
 
@@ -55,6 +57,8 @@ def solve(problem: TimeScalingProblem, method: str | None = None) -> Plan:
         if plan.status is not Status.SOLVED:
             break
         tighter = _with_missing_rows(plan, method, programs, figures)
+        if tighter is None:
+            tighter = _with_shared_rows(plan, figures)
         if tighter is None:
             tighter = _relinearised(plan, before)
             figures["relinearisations"] += tighter is not None
@@ -110,7 +114,7 @@ def _with_missing_rows(
             family = problem.limits.contacts[k]
             program = programs.setdefault(k, ForceProgram(family))
             assert isinstance(program, ForceProgram)
-            u, x, points = ends
+            u, x, points = (values[family.holds_at(ends[2])] for values in ends)
             if second_look:
                 rows, solved = overlooked_rows(family, program, facets[k], points, u, x)
             else:
@@ -124,12 +128,35 @@ def _with_missing_rows(
     return problem.with_facets(tuple(facets)) if found else None
 
 
+def _with_shared_rows(plan: Plan, figures: dict[str, float]) -> TimeScalingProblem | None:
+    """The problem with the torque rows that its plan violates where two feet share the load, None if there are none."""
+    problem, torque = plan.problem, plan.problem.limits.torque
+    if not isinstance(torque, StandingTorque) or not _contacts_count(problem):
+        return None
+    from robustopt.timescaling.sharing import missing_shared_rows
+
+    began = time.perf_counter()
+    u, x, points = interval_ends(problem, plan.x, plan.u)
+    counted = problem.counts(2 * problem.robot.n + np.arange(problem.robot.n))
+    rows, solved = missing_shared_rows(torque, counted, points, u, x)
+    figures["inner_programs"] += solved
+    figures["inner_seconds"] += time.perf_counter() - began
+    return problem.with_torque(torque.with_rows(rows)) if rows else None
+
+
+def _contacts_count(problem: TimeScalingProblem) -> bool:
+    """Whether all limits of all contacts count: without them no forces share a load."""
+    return problem.kept is None or all(problem.kept.issuperset(f.system.names) for f in problem.limits.contacts)
+
+
 def _relinearised(plan: Plan, before: float) -> TimeScalingProblem | None:
     """The problem with the viscous torque linearised about its plan, None if the plan holds the exact torque already.
 
     before: duration of the plan that the linearisation was about, which must have settled [s]
     """
     problem = plan.problem
+    if isinstance(problem.limits.torque, StandingTorque):
+        return None
     excess = problem.torque_excess(*interval_ends(problem, plan.x, plan.u))
     if np.isnan(problem.reference).all():
         torque = [name.endswith(" torque") for name in problem.row_names]

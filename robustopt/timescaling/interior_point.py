@@ -26,6 +26,9 @@ CENTRED = 1e-2
 START = 0.98
 """The start is the feasible timing with x scaled by this: a slower timing of the same path has slack in every row."""
 
+RELAXED = 2e-9
+"""What a row may be relaxed by: twice what the passes grant themselves, in fractions of its limit."""
+
 TO_BOUNDARY = 0.95
 """Share of the way to the nearest bound that a step may take."""
 
@@ -132,7 +135,8 @@ def _barrier(x, ds, slack, weight):
 def polish(a, b, c, x_max, ds, feasible):
     """Minimum-time x (P,) on the rows from a feasible one, and the bound of its distance to the optimum [s].
 
-    Where no timing has slack in every row, the feasible one comes back with an infinite bound.
+    Where the slower timing has no slack, as where the robot could not stand still, rows are relaxed by what rounding is
+    granted, and the start is the feasible timing. If even that has none, it comes back with an infinite bound.
     """
     P = len(feasible)
     G1, G2, h, at = _rows(a, b, c, x_max, ds)
@@ -141,7 +145,10 @@ def polish(a, b, c, x_max, ds, feasible):
     x = np.where(free, np.maximum(START * feasible, 1e-9 * x_max), 0.0)
     slack, trial = np.empty(n), np.empty(n)
     if _slacks(G1, G2, h, at, x, slack) <= 0.0:
-        return feasible, np.inf
+        h -= RELAXED
+        x[:] = np.where(free, np.maximum(feasible, 1e-9 * x_max), 0.0)
+        if _slacks(G1, G2, h, at, x, slack) <= 0.0:
+            return feasible, np.inf
     gradient, diagonal, off = np.zeros(P), np.zeros(P), np.zeros(P)
     work, dx = np.zeros(P), np.zeros(P)
     duration = _derivatives(x, ds, gradient, diagonal, off)

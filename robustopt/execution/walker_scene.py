@@ -1,0 +1,259 @@
+"""The simulated world of a robot on its feet: its model with true parameters on a level floor, under its controller.
+
+The contacts are those of the model file, a few spheres under each foot, with the true friction of that foot. The feet
+slip or the floating base falls, see `footing`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from robustopt.config_model import BASE_COORDINATES as BASE
+from robustopt.config_model import Config, FailureConfig, TruthConfig
+from robustopt.errors import ConfigError
+from robustopt.execution.controller import Gains, JointLayout, Reference, controls
+from robustopt.execution.footing import FootContact, foot_motion, stands, trunk_motion, turning
+from robustopt.execution.outcome import Criterion, Motion, Status
+from robustopt.execution.scene import PREFIX, View, add_sky, compiled, set_inertia
+from robustopt.execution.simulation import Record, joint_velocities
+from robustopt.execution.truth import TrueBody, World, believed_friction
+from robustopt.footsteps import footsteps
+from robustopt.robot_model import model_file, read_model
+from robustopt.walker import Walker, load_walker
+
+Array = np.ndarray
+
+FLOOR = PREFIX + "floor"
+
+DISTANCE, AZIMUTH, ELEVATION = 1.8, 110.0, -14.0
+"""Place of the camera: from the trunk's path [m], about the vertical and above the horizon [deg]."""
+
+FALLEN = 1 << 20
+"""Contact bit of all that touches the floor only when the robot has fallen: everything but the feet."""
+
+CONTACT_FIELDS = (mujoco.mjtConDataField.mjCONDATA_FORCE, mujoco.mjtConDataField.mjCONDATA_TORQUE,
+                  mujoco.mjtConDataField.mjCONDATA_POS)  # fmt: skip
+NET_FORCE = 3
+"""MuJoCo's number for the sum of all contact forces of a sensor."""
+
+
+@dataclass(frozen=True)
+class WalkerLayout(JointLayout):
+    """Where things are in the arrays of a compiled scene; bodies: all of the robot.
+
+    feet: first index in the sensor data of each foot: pose of its sole (3 + 4), then force, moment and place of its
+    contact force on the floor (3 + 3 + 3), all in the world
+    """
+
+    feet: Mapping[str, int]
+
+
+class WalkerScene:
+    """The world of a robot on its feet (see `scenes.Scene`); its coordinates are those of `walker`."""
+
+    driven = slice(BASE, None)
+
+    def __init__(self, config: Config, gains: Gains, timestep: float) -> None:
+        self.walker: Walker = load_walker(config)
+        self.joint_names = self.walker.joint_names[BASE:]
+        self.torque_limit = self.walker.limits.torque[BASE:]
+        self._truth = (config.execution.truth if config.execution is not None else None) or TruthConfig()
+        steps = footsteps(config)
+        self._stands, self._places = stands(steps.stances, list(self.walker.feet)), steps.places
+        self._base = self._with_controller(config, gains, timestep)
+        self.pushed = self._base.joints[0].parent.name
+        self.believed = World(believed_friction(config), self._named_bodies())
+
+    def model(self, world: World, sky: bool = False) -> mujoco.MjModel:
+        """The compiled world; `sky`: with a light background, for pictures."""
+        spec = self._base.copy()
+        if sky:
+            add_sky(spec)
+            _add_floor_for_pictures(spec, self._places, self.walker)
+        for name, body in world.bodies.items():
+            set_inertia(spec.body(name), body)
+        for name, mu in world.friction.items():
+            for sphere in _soles(spec, name):
+                sphere.friction = [mu, *sphere.friction[1:]]
+        return compiled(spec)
+
+    def layout(self, model: mujoco.MjModel) -> WalkerLayout:
+        """Where things are in a model of this scene."""
+        joints = [model.joint(name) for name in self.joint_names]
+        actuators = [model.actuator(PREFIX + name).id for name in self.joint_names]
+        return WalkerLayout(
+            joints=np.array([joint.qposadr[0] for joint in joints]),
+            dofs=np.array([joint.dofadr[0] for joint in joints]),
+            control=model.actuator_ctrladr[actuators],
+            bodies={model.body(k).name: k for k in range(1, model.nbody)},
+            feet={name: int(model.sensor(f"{PREFIX}{name}_mjSENS_FRAMEPOS").adr[0]) for name in self.walker.feet},
+        )
+
+    def start(self, layout: WalkerLayout, q: Array, size: int) -> Array:
+        """qpos (size,) at coordinates q (n,), but as high that the lowest contact point touches the floor."""
+        qpos = self.walker.qpos(q[None])[0]
+        qpos[2] -= min(float(points[..., 2].min()) for points in self.walker.soles(q[None]).values())
+        return qpos
+
+    def controls(self, model: mujoco.MjModel, layout: WalkerLayout, planned: Reference) -> Array:
+        """Control inputs at every time step, (N, nu)."""
+        assert planned.torque is not None, "a robot on its feet is executed with the torque of its plan"
+        joints = Reference(planned.t, planned.s, planned.q[:, BASE:], planned.qd[:, BASE:], planned.qdd, planned.moving)
+        return controls(model, layout, joints, planned.torque[:, BASE:])
+
+    def velocities(self, layout: WalkerLayout, record: Record, i: int) -> Array:
+        """Rates of the coordinates of a trial, (N + 1, n): the base's, then the joints'."""
+        qpos = np.vstack([record.start_qpos[i, : BASE + 1], record.qpos[i, :, : BASE + 1]])
+        qvel = np.vstack([record.start_qvel[i, :BASE], record.qvel[i, :, :BASE]])
+        return np.column_stack(
+            [qvel[:, :3], turning(qpos[:, 3:], qvel[:, 3:]), joint_velocities(record, layout.dofs, i)]
+        )
+
+    def motions(self, layout: WalkerLayout, planned: Reference, record: Record, i: int) -> dict[str, Motion]:
+        """Movement of both feet while they stand, and of the trunk against the plan."""
+        motions = {
+            name: foot_motion(
+                self.walker.feet[name].points, self._stands[name], planned.s, record.sensors[i][:, at : at + 7]
+            )
+            for name, at in layout.feet.items()
+        }
+        qpos = np.vstack([record.start_qpos[i, : BASE + 1], record.qpos[i, :-1, : BASE + 1]])
+        return motions | {self.pushed: trunk_motion(planned.q[:, 2], qpos)}
+
+    def contacts(self, layout: WalkerLayout, record: Record, i: int) -> dict[str, FootContact]:
+        """What the floor does to each foot in a trial."""
+        found = {}
+        for name, at in layout.feet.items():
+            force, moment, place = np.split(record.sensors[i][:, at + 7 : at + 16].copy(), 3, axis=1)
+            # The sensor has what the foot does to the floor.
+            found[name] = FootContact.of(-force, -moment, place, self._base.option.timestep)
+        return found
+
+    def criteria(self, failure: FailureConfig) -> dict[str, tuple[Criterion, ...]]:
+        """Feet slip, the trunk falls."""
+        slips = (Criterion(Status.SLIPPED, "slip", failure.foot_slip),)
+        drop = failure.trunk_drop * float(self.walker.posture[2])
+        falls = (Criterion(Status.FELL, "tilt", failure.trunk_tilt), Criterion(Status.FELL, "drop", drop))
+        return dict.fromkeys(self.walker.feet, slips) | {self.pushed: falls}
+
+    def view(self, layout: WalkerLayout, qpos: Array) -> View:
+        """A camera that sees the whole way of the robot."""
+        middle = np.mean([place for standing in self._places for place in standing.values()], axis=0)
+        return View(np.append(middle, float(self.walker.posture[2])), DISTANCE, AZIMUTH, ELEVATION)
+
+    # Parts of the specification ---------------------------------------------------------------------------
+
+    def _with_controller(self, config: Config, gains: Gains, timestep: float) -> mujoco.MjSpec:
+        spec, _, _ = read_model(model_file(config))
+        spec.compiler.fusestatic = False
+        for item in [*spec.actuators, *spec.sensors, *spec.keys]:
+            spec.delete(item)
+        _set_options(spec, timestep)
+        spec.option.gravity = config.gravity
+        for i, name in enumerate(self.joint_names):
+            joint, limit = spec.joint(name), self.torque_limit[i]
+            joint.actfrclimited, joint.actfrcrange = bool(np.isfinite(limit)), [-limit, limit]
+            actuator = spec.add_actuator(name=PREFIX + name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+            actuator.set_to_pid(kp=gains.kp[i], kv=gains.kd[i], ki=gains.ki[i], ctrlspec=gains.inputs)
+        spec.worldbody.add_geom(
+            name=FLOOR, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 0.05], contype=1, conaffinity=1 | FALLEN,
+        )  # fmt: skip
+        on_feet = {spec.site(foot).parent.name for foot in self.walker.feet}
+        for geom in spec.geoms:
+            if geom.parent.name not in on_feet and geom.name != FLOOR:
+                geom.contype |= FALLEN
+        for foot in self.walker.feet:
+            _inset(spec, foot, self._truth.contact_inset.get(foot, 0.0))
+            for sphere in _soles(spec, foot):
+                sphere.condim, sphere.priority = 3, 1
+            _add_sensors(spec, foot)
+        return spec
+
+    def _named_bodies(self) -> dict[str, TrueBody]:
+        """Bodies of the model that the truth says something about, as the model has them."""
+        truth, varied, names = self._truth, self._truth.variation, self.walker.body_names
+        given: Sequence[tuple[str, Mapping[str, object]]] = (
+            ("mass", truth.mass), ("center_of_mass", truth.center_of_mass), ("inertia", truth.inertia),
+            ("variation.mass", varied.mass), ("variation.center_of_mass", varied.center_of_mass),
+        )  # fmt: skip
+        for key, values in given:
+            for name in values:
+                if name not in names:
+                    known = ", ".join(names)
+                    message = f"the robot has no body {name} with a mass; expected one of {known}"
+                    raise ConfigError(message, key=f"execution.truth.{key}.{name}")
+        named = [name for name in names if any(name in values for _, values in given)]
+        return {name: TrueBody(*self.walker.inertia_of(name)) for name in named}
+
+
+def _set_options(spec: mujoco.MjSpec, timestep: float) -> None:
+    """Contacts as the model file has them; cones, solver and integrator as the fidelity of the task needs them."""
+    option = spec.option
+    option.timestep = timestep
+    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.solver = mujoco.mjtSolver.mjSOL_NEWTON
+    option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+    option.impratio = IMPEDANCE_RATIO
+    option.iterations, option.noslip_iterations = ITERATIONS, 0
+    option.disableflags, option.enableflags = int(mujoco.mjtDisableBit.mjDSBL_AUTORESET), 0
+
+
+IMPEDANCE_RATIO = 20.0
+"""Friction is this much stiffer than the normal direction, so that standing feet do not creep."""
+ITERATIONS = 50
+
+
+def _soles(spec: mujoco.MjSpec, foot: str) -> list[mujoco.MjsGeom]:
+    """Spheres under a foot that can touch the floor."""
+    sphere = mujoco.mjtGeom.mjGEOM_SPHERE
+    return [geom for geom in spec.site(foot).parent.geoms if geom.type == sphere and geom.contype | geom.conaffinity]
+
+
+def _inset(spec: mujoco.MjSpec, foot: str, inset: float) -> None:
+    """Move the contact points of a foot towards its middle along x and y of the foot."""
+    spheres = _soles(spec, foot)
+    middle = np.mean([sphere.pos for sphere in spheres], axis=0)
+    for sphere in spheres:
+        away = sphere.pos - middle
+        if np.any(np.abs(away[:2]) < inset):
+            raise ConfigError(
+                f"found {inset:g} m, which leaves nothing of {foot}", key=f"execution.truth.contact_inset.{foot}"
+            )
+        sphere.pos = sphere.pos - inset * np.append(np.sign(away[:2]), 0.0)
+
+
+def _add_sensors(spec: mujoco.MjSpec, foot: str) -> None:
+    kinds, objects = mujoco.mjtSensor, mujoco.mjtObj
+    for kind in (kinds.mjSENS_FRAMEPOS, kinds.mjSENS_FRAMEQUAT):
+        spec.add_sensor(name=f"{PREFIX}{foot}_{kind.name}", type=kind, objtype=objects.mjOBJ_SITE, objname=foot)
+    fields = sum(1 << int(field) for field in CONTACT_FIELDS)
+    spec.add_sensor(
+        name=f"{PREFIX}{foot}_contact", type=kinds.mjSENS_CONTACT, objtype=objects.mjOBJ_BODY,
+        objname=spec.site(foot).parent.name, reftype=objects.mjOBJ_GEOM, refname=FLOOR, intprm=[fields, NET_FORCE, 1],
+    )  # fmt: skip
+
+
+def _add_floor_for_pictures(spec: mujoco.MjSpec, places: Sequence[Mapping[str, Array]], walker: Walker) -> None:
+    """A floor with tiles, and footprints where the feet are to stand, so that slips can be seen."""
+    pattern = spec.add_texture(
+        name=FLOOR, type=mujoco.mjtTexture.mjTEXTURE_2D, builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
+        rgb1=(0.97, 0.97, 0.97), rgb2=(0.9, 0.91, 0.92), width=128, height=128,
+    )  # fmt: skip
+    material = spec.add_material(name=FLOOR, texrepeat=[5.0, 5.0], texuniform=True, emission=0.5)
+    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = pattern.name
+    floor = spec.geom(FLOOR)
+    floor.material, floor.rgba = FLOOR, (1.0, 1.0, 1.0, 1.0)
+    for k, standing in enumerate(places):
+        pale = 0.35 * (len(places) - 1 - k) / max(len(places) - 1, 1)
+        for name, place in standing.items():
+            points = walker.feet[name].points[:, :2]
+            middle = place + 0.5 * (points.min(axis=0) + points.max(axis=0))
+            spec.worldbody.add_geom(
+                type=mujoco.mjtGeom.mjGEOM_BOX, size=[*(0.5 * np.ptp(points, axis=0) - 0.01), 1e-3], pos=[*middle, 0.0],
+                rgba=(0.45 + pale, 0.85, 0.55 + pale, 1.0), contype=0, conaffinity=0, mass=0.0,
+            )  # fmt: skip

@@ -1,0 +1,165 @@
+"""How two feet share the load: the least of their limits that the joints of the legs need. One program per grid point.
+
+    minimise t + penalty m   such that   G lambda = w + m r,   |tau - J^T G lambda| <= (1 + t) tau_max,   lambda, m >= 0
+
+G holds the friction edges of both feet, w is the wrench they must exert, tau are the torques of the leg joints without
+contact forces, r is a wrench well inside the cone. t is what the joint that is used most exceeds its limit by, as a
+fraction of it, with the best sharing there is; m, what is missing of a wrench at the very edge of the cone. The dual is
+a row over the load, which holds for every sharing: where some value of the parameters violates it, the outer program
+lacks it (our choice).
+"""
+
+from __future__ import annotations
+
+import highspy
+import numpy as np
+
+from robustopt.config_model import BASE_COORDINATES as BASE
+from robustopt.load_sharing import distribute
+from robustopt.rows import evaluate, worst_wrench
+from robustopt.walking import SharedRow, StandingTorque
+
+Array = np.ndarray
+
+VIOLATION = 1e-7
+"""Fraction of a torque limit by which a torque may exceed it."""
+
+PENALTY = 1e3
+"""Of what is missing of a wrench: more than any torque row gains from it."""
+
+MISS = 1e-5
+"""Fraction of the weight by which explicit forces may miss the wrench, a thousandth of what half a torque limit is."""
+
+ROUNDS = 4
+"""A dual changes which parameters are worst, they may have another dual."""
+
+DOUBTFUL = 0.5
+"""A program is not solved where explicit forces leave the joints more than this fraction of their limits in reserve;
+nor is it solved again, for the parameters that are worst for its row, where the row leaves as much."""
+
+
+class SharingProgram:
+    """The program of one grid point; the load is its right-hand side.
+
+    generators: (6, K) wrenches about the world's origin; legs: indices of the leg joints (m,); pull: torque that each
+    generator takes off them, (m, K); limit: of these joints (m,)
+    """
+
+    def __init__(self, generators: Array, pull: Array, limit: Array, weight: float) -> None:
+        self.limit, self.weight = limit, weight
+        self.scale = np.r_[np.ones(3), np.full(3, 1.0 / np.abs(generators[3:]).max())]
+        wrench = np.column_stack([generators, -generators.mean(axis=1), np.zeros(6)]) * self.scale[:, None]
+        share = pull * weight / limit[:, None]
+        none, one = np.zeros((len(limit), 1)), np.ones((len(limit), 1))
+        upper = np.hstack([-share, none, -one])
+        matrix = np.vstack([wrench, upper, np.hstack([share, none, -one])])
+        rows, columns = matrix.shape
+        model = highspy.HighsLp()
+        model.num_col_, model.num_row_ = columns, rows
+        model.col_cost_ = np.r_[np.zeros(columns - 2), PENALTY, 1.0]
+        model.col_lower_ = np.r_[np.zeros(columns - 1), -1.0]
+        model.col_upper_ = np.full(columns, np.inf)
+        model.row_lower_ = np.r_[np.zeros(6), np.full(rows - 6, -np.inf)]
+        model.row_upper_ = np.zeros(rows)
+        model.a_matrix_.format_ = highspy.MatrixFormat.kColwise
+        model.a_matrix_.start_ = rows * np.arange(columns + 1)
+        model.a_matrix_.index_ = np.tile(np.arange(rows), columns)
+        model.a_matrix_.value_ = matrix.T.ravel()
+        self.highs = highspy.Highs()
+        self.highs.setOptionValue("output_flag", False)
+        self.highs.setOptionValue("presolve", "off")
+        self.highs.setOptionValue("threads", 1)
+        self.highs.passModel(model)
+        self.indices = np.arange(rows, dtype=np.int32)
+        self.open = np.full(rows - 6, -np.inf)
+
+    def solve(self, wrench: Array, torque: Array) -> tuple[float, Array, Array, float, Array]:
+        """t; the row y_w, y_tau, constant, y_w w + y_tau tau + constant = t at the load; the forces of the generators.
+
+        wrench: (6,); torque: of the legs without contact forces (m,)
+        """
+        right = np.r_[wrench * self.scale / self.weight, 1.0 - torque / self.limit, 1.0 + torque / self.limit]
+        self.highs.changeRowsBounds(len(right), self.indices, np.r_[right[:6], self.open], right)
+        self.highs.run()
+        solution = self.highs.getSolution()
+        dual, m = np.array(solution.row_dual), len(self.limit)
+        on_wrench = dual[:6] * self.scale / self.weight
+        on_torque = (dual[6 + m :] - dual[6 : 6 + m]) / self.limit
+        constant = float(dual[6:].sum())
+        value = float(on_wrench @ wrench + on_torque @ torque + constant)
+        return value, on_wrench, on_torque, constant, self.weight * np.array(solution.col_value)[:-2]
+
+
+def program_at(torque: StandingTorque, point: int, counted: Array) -> tuple[SharingProgram, Array]:
+    """The program of a grid point where both feet stand, and the indices of the joints in it.
+
+    counted: (n,) which joints' limits count
+    """
+    family = torque.contacts[torque.standing[point]]
+    feet, system = family.system.interfaces, family.system
+    legs = np.flatnonzero(~torque.known[point] & counted)
+    size, pull = system.generators.shape[1] // len(feet), np.zeros((len(legs), system.generators.shape[1]))
+    for k, name in enumerate(feet):
+        part = slice(k * size, (k + 1) * size)
+        pull[:, part] = torque.dynamics.jacobians[name][point][:, legs].T @ system.generators[:, part]
+    return SharingProgram(system.generators, pull, torque.limit[legs], family.weight), legs
+
+
+def missing_shared_rows(
+    torque: StandingTorque, counted: Array, points: Array, u: Array, x: Array
+) -> tuple[list[SharedRow], int]:
+    """Rows on joint torques that a timing violates where both feet stand, and programs solved.
+
+    counted: (n,) which joints' limits count; points, u, x: (M,)
+    """
+    shared = np.flatnonzero((~torque.known[points] & counted).any(axis=1))
+    shared = shared[_explicit_use(torque, counted, points[shared], u[shared], x[shared]) > 1.0 - DOUBTFUL]
+    loads = torque.loads.at(points[shared])
+    affine = np.stack([u[shared], x[shared], np.ones(len(shared))], axis=1)
+    nominal = np.einsum("mdk,mk->md", loads.middle(), affine)
+    found, solved = [], 0
+    programs: dict[int, tuple[SharingProgram, Array]] = {}
+    for k, i in enumerate(shared):
+        point = int(points[i])
+        if point not in programs:
+            programs[point] = program_at(torque, point, counted)
+        program, legs = programs[point]
+        load, here, at = nominal[k], loads.at(np.array([k])), (u[i : i + 1], x[i : i + 1])
+        best = -np.inf
+        for _ in range(ROUNDS):
+            _, on_wrench, on_torque, constant, _ = program.solve(load[:BASE], load[legs])
+            solved += 1
+            row = np.zeros(len(load))
+            row[:BASE], row[legs] = on_wrench, on_torque
+            none = np.zeros((0, 0, 0))
+            value = float(evaluate(row[None], here, none, none, *at)[0, 0]) + constant
+            if value > VIOLATION and np.any(on_torque):
+                found.append(SharedRow(point, row, constant, int(legs[np.argmax(np.abs(on_torque))])))
+            if value <= max(best, -DOUBTFUL) + VIOLATION:
+                break
+            best, load = value, worst_wrench(here, row[None], *at)[0]
+    return found, solved
+
+
+def _explicit_use(torque: StandingTorque, counted: Array, points: Array, u: Array, x: Array) -> Array:
+    """Share of their limits that the joints of the legs use with the smallest contact forces, for the parameters at the
+    middle of their intervals, (M,); infinite where the forces miss the wrench. points, u, x: (M,) on both feet."""
+    affine = np.stack([u, x, np.ones(len(u))], axis=1)
+    load = np.einsum("mdk,mk->md", torque.loads.middle()[points], affine)
+    use = np.empty(len(points))
+    for k in np.unique(torque.standing[points]):
+        here, system = np.flatnonzero(torque.standing[points] == k), torque.contacts[k].system
+        every = np.ones((len(here), system.generators.shape[1]))
+        center = np.array([-system.generators[4].mean(), system.generators[3].mean(), 0.0])
+        wrench = load[here, :BASE].copy()
+        wrench[:, 3:] -= np.cross(center, wrench[:, :3])
+        forces, miss = distribute(system.about([center]).generators, every, wrench, torque.contacts[k].weight)
+        left = load[here].copy()
+        size = system.generators.shape[1] // len(system.interfaces)
+        for f, name in enumerate(system.interfaces):
+            part = slice(f * size, (f + 1) * size)
+            push = forces[:, part] @ system.generators[:, part].T
+            left -= (np.swapaxes(torque.dynamics.jacobians[name][points[here]], 1, 2) @ push[:, :, None])[:, :, 0]
+        shares = np.abs(left / torque.limit)[:, counted & ~torque.known[points[here[0]]]]
+        use[here] = np.where(miss > MISS, np.inf, shares.max(axis=1))
+    return use
