@@ -7,6 +7,7 @@ monotony for nothing.
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -109,8 +110,9 @@ class Optuna(Contender):
             study.tell(trial, float(self.map.exact(at)[0]))
         return self._any(state, known, cut)
 
+    @abstractmethod
     def _sampler(self, seed: int):
-        raise NotImplementedError
+        """The sampler of Optuna."""
 
 
 @dataclass(frozen=True, kw_only=True)
