@@ -104,7 +104,7 @@ class Planner:
     def _make(self, belief: Belief) -> PlanResult:
         """The plan on the configured grid, or, where it leaves a limit between grid points, on a finer one."""
         for finer in FINER_GRIDS:
-            result = self._on_grid(believing(self._refined(finer), belief), finer)
+            result = self._on_grid(belief, finer)
             if result.certificate is None or result.certificate.passed:
                 return result
             if result.certificate.worst.on_grid:
@@ -113,10 +113,11 @@ class Planner:
         sentence = result.certificate.sentence
         raise SolverFailed(f"the plan for {described(belief)} failed its certificate: {sentence}")
 
-    def _on_grid(self, config: Config, finer: int) -> PlanResult:
+    def _on_grid(self, belief: Belief, finer: int) -> PlanResult:
+        config = believing(self._refined(finer), belief)
         plan = solve(rows_along(self._track(finer), config))
         if plan.status not in (Status.SOLVED, Status.INFEASIBLE):
-            raise SolverFailed(f"no plan: {plan.message}")
+            raise SolverFailed(f"no plan for {described(belief)}: {plan.message}")
         solved = self._certified and plan.status is Status.SOLVED
         return PlanResult(config, plan, certify(config, plan, "quick", config.seed) if solved else None, None, {})
 

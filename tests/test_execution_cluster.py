@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from scenes import FIXTURES, FLAT, scene
 
-from robustopt import cli
+from robustopt import cli, commands
 from robustopt.config import dump
 from robustopt.execution import monte_carlo
 from robustopt.store import read_summary
@@ -76,7 +76,7 @@ def test_workers_and_a_cluster_that_loses_one_change_no_byte(cluster, tmp_path, 
         return (tmp_path / name / "executions.csv").read_bytes()
 
     one, two = executions("one"), executions("two", "--workers", "2")
-    monkeypatch.setattr(cli, "trials_bar", lambda silent: nullcontext(kill_one))
+    monkeypatch.setattr(commands, "trials_bar", lambda silent: nullcontext(kill_one))
     on_cluster = executions("cluster", "--backend", "dask", "--scheduler", address)
     assert workers[0].wait(10) != 0
     assert workers[1].poll() is None
