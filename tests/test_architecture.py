@@ -77,7 +77,7 @@ HEAVY = {
         "execution",
     },
     "casadi": {"timescaling/ipopt"},
-    "highspy": {"timescaling/inner_lp", "timescaling/sharing"},
+    "highspy": {"timescaling/linear_program"},
     "matplotlib": {"plotting"},
 }
 """The only places that import these packages."""

@@ -9,11 +9,11 @@ y w <= 0 with y r = -1, the row that the outer program lacks (paper section 4, i
 
 from __future__ import annotations
 
-import highspy
 import numpy as np
 
 from robustopt.polygons import Loads
 from robustopt.rows import ContactFamily, evaluate, worst_wrench
+from robustopt.timescaling.linear_program import LinearProgram
 
 Array = np.ndarray
 
@@ -41,30 +41,13 @@ class ForceProgram:
         moment = np.abs(generators[[k for k in range(len(generators)) if k % 6 >= 3]]).max()
         self.scale = np.tile(np.repeat([1.0 / force, 1.0 / moment], 3), len(generators) // 6) / family.weight
         matrix = np.column_stack([generators * family.weight, -self.reference]) * self.scale[:, None]
-        d, k = matrix.shape
-        model = highspy.HighsLp()
-        model.num_col_, model.num_row_ = k, d
-        model.col_cost_ = np.r_[np.zeros(k - 1), 1.0]
-        model.col_lower_ = np.r_[np.zeros(k - 1), -np.inf]
-        model.col_upper_ = np.full(k, np.inf)
-        model.row_lower_ = model.row_upper_ = np.zeros(d)
-        model.a_matrix_.format_ = highspy.MatrixFormat.kColwise
-        model.a_matrix_.start_ = d * np.arange(k + 1)
-        model.a_matrix_.index_ = np.tile(np.arange(d), k)
-        model.a_matrix_.value_ = matrix.T.ravel()
-        self.highs = highspy.Highs()
-        self.highs.setOptionValue("output_flag", False)
-        self.highs.setOptionValue("presolve", "off")
-        self.highs.setOptionValue("threads", 1)
-        self.highs.passModel(model)
-        self.indices = np.arange(d, dtype=np.int32)
+        k = matrix.shape[1]
+        self.program = LinearProgram(matrix, np.r_[np.zeros(k - 1), 1.0], np.r_[np.zeros(k - 1), -np.inf])
 
     def solve(self, wrench: Array) -> tuple[float, Array]:
         """t and the dual row y, (d,), such that y w = t for the wrench w, as a fraction of the weight."""
         right = wrench * self.scale
-        self.highs.changeRowsBounds(len(right), self.indices, right, right)
-        self.highs.run()
-        dual = np.array(self.highs.getSolution().row_dual) * self.scale
+        dual = self.program.solve(right, right)[1] * self.scale
         return float(dual @ wrench), dual
 
 

@@ -11,12 +11,12 @@ lacks it (our choice).
 
 from __future__ import annotations
 
-import highspy
 import numpy as np
 
 from robustopt.config_model import BASE_COORDINATES as BASE
 from robustopt.load_sharing import distribute
 from robustopt.rows import evaluate, worst_wrench
+from robustopt.timescaling.linear_program import LinearProgram
 from robustopt.walking import SharedRow, StandingTorque
 
 Array = np.ndarray
@@ -54,23 +54,8 @@ class SharingProgram:
         upper = np.hstack([-share, none, -one])
         matrix = np.vstack([wrench, upper, np.hstack([share, none, -one])])
         rows, columns = matrix.shape
-        model = highspy.HighsLp()
-        model.num_col_, model.num_row_ = columns, rows
-        model.col_cost_ = np.r_[np.zeros(columns - 2), PENALTY, 1.0]
-        model.col_lower_ = np.r_[np.zeros(columns - 1), -1.0]
-        model.col_upper_ = np.full(columns, np.inf)
-        model.row_lower_ = np.r_[np.zeros(6), np.full(rows - 6, -np.inf)]
-        model.row_upper_ = np.zeros(rows)
-        model.a_matrix_.format_ = highspy.MatrixFormat.kColwise
-        model.a_matrix_.start_ = rows * np.arange(columns + 1)
-        model.a_matrix_.index_ = np.tile(np.arange(rows), columns)
-        model.a_matrix_.value_ = matrix.T.ravel()
-        self.highs = highspy.Highs()
-        self.highs.setOptionValue("output_flag", False)
-        self.highs.setOptionValue("presolve", "off")
-        self.highs.setOptionValue("threads", 1)
-        self.highs.passModel(model)
-        self.indices = np.arange(rows, dtype=np.int32)
+        cost = np.r_[np.zeros(columns - 2), PENALTY, 1.0]
+        self.program = LinearProgram(matrix, cost, np.r_[np.zeros(columns - 1), -1.0])
         self.open = np.full(rows - 6, -np.inf)
 
     def solve(self, wrench: Array, torque: Array) -> tuple[float, Array, Array, float, Array]:
@@ -79,15 +64,13 @@ class SharingProgram:
         wrench: (6,); torque: of the legs without contact forces (m,)
         """
         right = np.r_[wrench * self.scale / self.weight, 1.0 - torque / self.limit, 1.0 + torque / self.limit]
-        self.highs.changeRowsBounds(len(right), self.indices, np.r_[right[:6], self.open], right)
-        self.highs.run()
-        solution = self.highs.getSolution()
-        dual, m = np.array(solution.row_dual), len(self.limit)
+        z, dual = self.program.solve(np.r_[right[:6], self.open], right)
+        m = len(self.limit)
         on_wrench = dual[:6] * self.scale / self.weight
         on_torque = (dual[6 + m :] - dual[6 : 6 + m]) / self.limit
         constant = float(dual[6:].sum())
         value = float(on_wrench @ wrench + on_torque @ torque + constant)
-        return value, on_wrench, on_torque, constant, self.weight * np.array(solution.col_value)[:-2]
+        return value, on_wrench, on_torque, constant, self.weight * z[:-2]
 
 
 def program_at(torque: StandingTorque, point: int, counted: Array) -> tuple[SharingProgram, Array]:

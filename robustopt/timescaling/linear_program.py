@@ -1,0 +1,38 @@
+"""Small dense linear programs that HiGHS solves again and again, each time with another right-hand side."""
+
+from __future__ import annotations
+
+import highspy
+import numpy as np
+
+Array = np.ndarray
+
+
+class LinearProgram:
+    """min cost z  s.t.  row_lower <= matrix z <= row_upper, lower <= z; the bounds of the rows come with each call.
+
+    matrix: (m, n); cost, lower: (n,)
+    """
+
+    def __init__(self, matrix: Array, cost: Array, lower: Array) -> None:
+        rows, columns = matrix.shape
+        model = highspy.HighsLp()
+        model.num_col_, model.num_row_ = columns, rows
+        model.col_cost_, model.col_lower_, model.col_upper_ = cost, lower, np.full(columns, np.inf)
+        model.row_lower_ = model.row_upper_ = np.zeros(rows)
+        model.a_matrix_.format_ = highspy.MatrixFormat.kColwise
+        model.a_matrix_.start_ = rows * np.arange(columns + 1)
+        model.a_matrix_.index_ = np.tile(np.arange(rows), columns)
+        model.a_matrix_.value_ = matrix.T.ravel()
+        self._highs = highspy.Highs()
+        for option, value in (("output_flag", False), ("presolve", "off"), ("threads", 1)):
+            self._highs.setOptionValue(option, value)
+        self._highs.passModel(model)
+        self._rows = np.arange(rows, dtype=np.int32)
+
+    def solve(self, row_lower: Array, row_upper: Array) -> tuple[Array, Array]:
+        """The solution z (n,) and the duals of the rows (m,), from the last basis on."""
+        self._highs.changeRowsBounds(len(self._rows), self._rows, row_lower, row_upper)
+        self._highs.run()
+        solution = self._highs.getSolution()
+        return np.array(solution.col_value), np.array(solution.row_dual)
