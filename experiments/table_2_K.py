@@ -43,9 +43,12 @@ last plan that succeeded N_e(K) times in a row; "returned": (mu_low, U, Delta), 
 BELOW = """
 - Phi(K) is what the paper expects of K; "reaches it" where the exact 95 % interval of {trials} fresh trials reaches
   up to Phi(K) (one-sided), "misses it" where all of it is below, "overshoots it" where all of it is above.
-- In the quiet world plans succeed always or never, so every plan that passed overshoots. In the lucky one, friction
-  that varies is in no interval of the acceleration error, so what makes a plan succeed is that N_e(K) executions in
-  a row did, which shows little: see [the confidence that they earn](../../docs/learning.md).
+- In the quiet world plans succeed always or never, so a plan that was executed with success overshoots. What is
+  returned may fail every time all the same: U and Delta are those of the last executions, which failed early, and give
+  a narrower interval than the one that the successful plan at mu_low survived. Report and use the executed plan.
+- In the lucky world friction varies, which is in no interval of the acceleration error. What makes a plan succeed is
+  that N_e(K) executions in a row did, which shows little where N_e is small: see [the confidence that they
+  earn](../../docs/learning.md).
 - A larger K asks for a wider margin and for more executions, and both make plans slower and safer.
 """
 

@@ -511,20 +511,18 @@ def test_killed_at_30_random_moments_it_writes_the_same_tables(tmp_path, small):
     while kills < 30 or folder is not None:
         name = folder or f"run{kills}"
         command = begun(*small, "--resume", "--out", name)
-        process = subprocess.Popen(command, cwd=tmp_path, start_new_session=True, stderr=subprocess.PIPE, text=True)
-        try:
-            if kills < 30:
-                process.wait(moments.uniform(0.0, 1.1 * whole))
-            else:
-                process.wait()
-            assert process.returncode == 0, process.communicate()
-            assert same(tmp_path / "whole", tmp_path / name)
-            assert not list(tmp_path.glob(".*"))
-            compared, folder = compared + 1, None
-        except subprocess.TimeoutExpired:
-            os.killpg(process.pid, signal.SIGKILL)
-            process.communicate()
-            kills, folder = kills + 1, name
+        with subprocess.Popen(
+            command, cwd=tmp_path, start_new_session=True, stderr=subprocess.PIPE, text=True
+        ) as process:
+            try:
+                _, err = process.communicate(timeout=moments.uniform(0.0, 1.1 * whole) if kills < 30 else None)
+                assert process.returncode == 0, err
+                assert same(tmp_path / "whole", tmp_path / name)
+                assert not list(tmp_path.glob(".*"))
+                compared, folder = compared + 1, None
+            except subprocess.TimeoutExpired:
+                os.killpg(process.pid, signal.SIGKILL)
+                kills, folder = kills + 1, name
     assert compared >= 3
 
 
