@@ -1,6 +1,6 @@
 """Runs of learners that the tables are made from: begun, continued or read again, in a folder of their own each.
 
-The folders lie below results/work/VERSION, VERSION a hash of the package's source: the same source goes on where it was
+The folders lie below results/runs/VERSION, VERSION a hash of the package's source: the same source goes on where it was
 interrupted and does nothing twice; other source begins anew.
 """
 
@@ -47,7 +47,7 @@ class Bench:
 
 def bench(part: str, out: Path = TABLES, workers: int = 1, say: Callable[[str], None] = lambda _: None) -> Bench:
     """The workplace of an experiment whose tables go to `out`."""
-    return Bench(out.parent / "work" / source_hash() / part, workers, say)
+    return Bench(out.parent / "runs" / source_hash() / part, workers, say)
 
 
 def source_hash() -> str:
