@@ -44,7 +44,7 @@ type: $(VENV)/.test  ## mypy --strict
 	$(BIN)/mypy
 
 docs: $(VENV)/.run  ## the reference of the configuration and its JSON Schema
-	$(BIN)/python -m robustopt.schema
+	$(BIN)/python -m robustopt.config.schema
 
 bench: $(VENV)/.test  ## time the solvers side by side; writes results/benchmarks
 	$(BIN)/python experiments/bench_planning.py

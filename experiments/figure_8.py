@@ -15,9 +15,9 @@ from several import Problem, runs
 from table_3 import WAITER
 from table_4 import FRICTIONS
 
-from robustopt.campaign import Learned
 from robustopt.plotting import style
 from robustopt.plotting.plane import TICKS, Plane, plane_figure
+from robustopt.runs.campaign import Learned
 
 AFTER = (5, 10, 20, 40)
 SIDE = 33

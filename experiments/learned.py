@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import Any
 
 import robustopt
-from robustopt.campaign import Learned, learn
 from robustopt.config import Config, load_config
-from robustopt.journal import SIMULATION, Journal
-from robustopt.learning_run import begin, complete, result_of, resumed, write_learning_files
-from robustopt.learning_summary import row_record
-from robustopt.store import JOURNAL, SUMMARY
+from robustopt.runs.campaign import Learned, learn
+from robustopt.runs.journal import SIMULATION, Journal
+from robustopt.runs.learning_run import begin, complete, result_of, resumed, write_learning_files
+from robustopt.runs.learning_summary import row_record
+from robustopt.runs.store import JOURNAL, SUMMARY
 from robustopt.tasks import PAPER_TASK
 
 ROOT = Path(__file__).resolve().parents[1]

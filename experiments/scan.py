@@ -13,15 +13,15 @@ import numpy as np
 from learned import Bench
 
 from robustopt.batch import BatchPlanner
-from robustopt.beliefs import Planner, learned_from
 from robustopt.confidence import upper_bound
 from robustopt.config import Config
 from robustopt.execution.monte_carlo import CHUNK
-from robustopt.executors import Simulated
-from robustopt.journal import Journal
 from robustopt.learning.learner import Belief
 from robustopt.learning.moments import ErrorInterval
-from robustopt.store import JOURNAL
+from robustopt.runs.beliefs import Planner, learned_from
+from robustopt.runs.executors import Simulated
+from robustopt.runs.journal import Journal
+from robustopt.runs.store import JOURNAL
 
 FRESH = 2_000_000_000
 """Number of the first trial: others than those that learned plans are judged by."""

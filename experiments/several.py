@@ -13,11 +13,11 @@ import numpy as np
 from learned import Bench, learned, success, task
 from scan import Found, fastest
 
-from robustopt.campaign import Learned
 from robustopt.config import Config
 from robustopt.learning.learner import Belief
 from robustopt.learning.parameters import Parameter
-from robustopt.learning_summary import row_record
+from robustopt.runs.campaign import Learned
+from robustopt.runs.learning_summary import row_record
 from robustopt.tables import Column
 
 LEARNERS = ("bnb-midpoint", "bnb-diagonal", "bnb-informed")

@@ -10,7 +10,7 @@ from pathlib import Path
 from learned import Bench, learned, records, success, task
 from reproduce import run_alone
 
-from robustopt.learning_summary import confidence_sentence
+from robustopt.runs.learning_summary import confidence_sentence
 from robustopt.tables import Column, Table, write_table
 
 PAPER_ITERATIONS, PAPER_SUCCESS = 6, 74

@@ -11,7 +11,7 @@ from learned import LUCKY, QUIET, Bench, learned, success, task
 from reproduce import run_alone
 
 from robustopt.confidence import Reading, phi
-from robustopt.learning_summary import row_record
+from robustopt.runs.learning_summary import row_record
 from robustopt.tables import Column, Table, write_table
 
 K_VALUES = (0.5, 1.0, 2.0, 3.0)

@@ -12,10 +12,10 @@ from learned import LUCKY, Bench, learned, success, task
 from reproduce import run_alone
 from scan import Grid, fastest
 
-from robustopt.campaign import Learned
 from robustopt.learning.learner import Belief, Row
 from robustopt.learning.moments import ErrorInterval
-from robustopt.learning_summary import row_record
+from robustopt.runs.campaign import Learned
+from robustopt.runs.learning_summary import row_record
 from robustopt.tables import Column, Table, write_table
 
 RATES = (0.7, 0.9, 0.99)

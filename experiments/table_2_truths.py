@@ -12,7 +12,7 @@ from reproduce import run_alone
 from scan import Grid, fastest
 
 from robustopt.learning.moments import ErrorInterval
-from robustopt.learning_summary import row_record
+from robustopt.runs.learning_summary import row_record
 from robustopt.tables import Column, Table, write_table
 
 TRUTHS = (0.5, 0.37, 0.61)

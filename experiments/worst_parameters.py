@@ -15,15 +15,15 @@ from itertools import product
 import numpy as np
 
 from robustopt.config import Config, with_values
+from robustopt.config.geometry import Patch, convex_hull, patches, placements, rotation
 from robustopt.contact import about_point, patch_facets
-from robustopt.geometry import Patch, convex_hull, patches, placements, rotation
-from robustopt.polygons import Loads
 from robustopt.problem import TimeScalingProblem
-from robustopt.rows import evaluate
+from robustopt.problem.polygons import Loads
+from robustopt.problem.rows import evaluate
+from robustopt.problem.uncertainty import INERTIA_TERMS, acceleration_error, bodies, contact_shift, friction
 from robustopt.timescaling import Plan, Status
 from robustopt.timescaling.plan import interval_ends
 from robustopt.timescaling.reachability import solve_reachability
-from robustopt.uncertainty import INERTIA_TERMS, acceleration_error, bodies, contact_shift, friction
 
 Array = np.ndarray
 

@@ -29,8 +29,8 @@ _HOMES = {
     "certify": "robustopt.certificate",
     "execute": "robustopt.execution",
     "Executions": "robustopt.execution",
-    "learn": "robustopt.campaign",
-    "Learned": "robustopt.campaign",
+    "learn": "robustopt.runs.campaign",
+    "Learned": "robustopt.runs.campaign",
     "Trajectory": "robustopt.trajectory",
     "RobustOptError": "robustopt.errors",
 }

@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 
 from robustopt.config import Config, with_values
-from robustopt.config_yaml import Key, split_key
+from robustopt.config.document import Key, split_key
 from robustopt.errors import ConfigError
 from robustopt.problem import TimeScalingProblem, rows_along, track_of
+from robustopt.problem.track import Track
 from robustopt.timescaling import Plan, solve
-from robustopt.track import Track
 
 Array = np.ndarray
 Setting = Mapping[str, float | Sequence[float]]

@@ -222,7 +222,7 @@ def runs(
     json: Json = False,
 ) -> int:
     """List runs and their state: complete, running, or to be resumed."""
-    from robustopt.runs import runs as found
+    from robustopt.runs.listing import runs as found
 
     records = found(folder)
     if json:
@@ -250,7 +250,7 @@ def report(
     quiet: Quiet = False,
 ) -> int:
     """Print the summary of a stored run."""
-    from robustopt.store import read_summary
+    from robustopt.runs.store import read_summary
 
     data = read_summary(run)
     show(data, run, json, quiet)

@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 
 def make_plan(config: Config, out: Path | None, certify: Any, figures: bool, json: bool, quiet: bool) -> int:
     """Plan a task into a new run folder."""
-    from robustopt.store import new_run
+    from robustopt.runs.store import new_run
 
     with new_run(config.name, out) as run:
         with status("planning", json or quiet):
-            from robustopt.experiment import plan_task, write_run
+            from robustopt.runs.experiment import plan_task, write_run
 
             result = plan_task(config, certify)
             stop_if_interrupted()
@@ -53,15 +53,15 @@ class ExecutionOptions(NamedTuple):
 
 def execute_new(config: Config, out: Path | None, options: ExecutionOptions) -> int:
     """Plan a task and execute the plan, into a new run folder."""
-    from robustopt.store import new_run
+    from robustopt.runs.store import new_run
 
     silent = options.json or options.quiet
     with new_run(config.name, out) as run:
         with status("planning", silent):
             from robustopt.execution import Workers
-            from robustopt.execution_run import execute_plan, write_execution_run
-            from robustopt.experiment import plan_task, write_run
             from robustopt.report import write_execution_figures, write_figures_and_page
+            from robustopt.runs.execution_run import execute_plan, write_execution_run
+            from robustopt.runs.experiment import plan_task, write_run
 
             planned = plan_task(config)
             stop_if_interrupted()
@@ -81,15 +81,15 @@ def execute_new(config: Config, out: Path | None, options: ExecutionOptions) -> 
 
 def execute_stored(folder: Path, changes: Sequence[str], out: Path | None, options: ExecutionOptions) -> int:
     """Execute the plan of a stored run, into a new run folder; changes: other values for keys."""
-    from robustopt.store import new_run, read_summary
+    from robustopt.runs.store import new_run, read_summary
 
     silent = options.json or options.quiet
     with new_run(str(read_summary(folder)["name"]), out) as run:
         with trials_bar(silent) as progress:
             from robustopt.execution import Workers
-            from robustopt.execution_run import execute_stored as run_stored
-            from robustopt.execution_run import write_execution_run
             from robustopt.report import write_execution_figures, write_page
+            from robustopt.runs.execution_run import execute_stored as run_stored
+            from robustopt.runs.execution_run import write_execution_run
 
             workers = Workers(options.workers, options.scheduler)
             result = run_stored(folder, changes, options.speed, workers, progress)
@@ -119,8 +119,8 @@ class LearningOptions(NamedTuple):
 
 def learn_task(config: Config | None, out: Path | None, options: LearningOptions) -> int:
     """Begin or continue a learner's run; config: None for the one that the run was begun with."""
-    from robustopt.journal import SIMULATION
-    from robustopt.learning_run import begin, discard_if_empty, latest_unfinished, resumed
+    from robustopt.runs.journal import SIMULATION
+    from robustopt.runs.learning_run import begin, discard_if_empty, latest_unfinished, resumed
 
     folder = latest_unfinished(config) if options.resume and config is not None and out is None else out
     if options.resume and folder is not None and folder.is_dir() and any(folder.iterdir()):
@@ -137,8 +137,8 @@ def learn_task(config: Config | None, out: Path | None, options: LearningOptions
 
 def _continue(config: Config, folder: Path, options: LearningOptions) -> int:
     """Bring a run to its end, or say how it ended where it is complete."""
-    from robustopt.learning_run import exit_code_of
-    from robustopt.store import is_run, read_summary
+    from robustopt.runs.learning_run import exit_code_of
+    from robustopt.runs.store import is_run, read_summary
 
     if is_run(folder):
         data = read_summary(folder)
@@ -156,7 +156,7 @@ def _continue(config: Config, folder: Path, options: LearningOptions) -> int:
 
 def _run_learner(config: Config, folder: Path, options: LearningOptions) -> dict[str, Any]:
     """Learn, and write what was learned; the summary."""
-    from robustopt.journal import MANUAL, Journal
+    from robustopt.runs.journal import MANUAL, Journal
 
     silent = options.json or options.quiet
     with closing(Journal.open(folder)) as journal:
@@ -164,14 +164,14 @@ def _run_learner(config: Config, folder: Path, options: LearningOptions) -> dict
             raise RunFolderError(f"{folder}: was begun with --executor {journal.executor}; expected the same")
         manual = journal.executor == MANUAL
         with learning_table(silent or manual) as progress:
-            from robustopt.campaign import learn as run_learner
-            from robustopt.executors import Simulated
-            from robustopt.manual import Manual
+            from robustopt.runs.campaign import learn as run_learner
+            from robustopt.runs.executors import Simulated
+            from robustopt.runs.manual import Manual
 
             executor = Manual(folder, ask, say) if manual else Simulated(config, options.workers)
             learned = run_learner(config, executor, journal=journal, progress=progress)
             stop_if_interrupted()
-        from robustopt.learning_run import complete, result_of, write_learning_files, writing
+        from robustopt.runs.learning_run import complete, result_of, write_learning_files, writing
 
         with status("writing", silent), writing(folder):
             from robustopt.report import write_learning_figures, write_page
@@ -189,8 +189,8 @@ def _run_learner(config: Config, folder: Path, options: LearningOptions) -> dict
 def print_dry_run(config: Config, json: bool, quiet: bool) -> int:
     """Print the resolved configuration and the size of its problem."""
     from robustopt.config import dump, resolved
-    from robustopt.experiment import problem_size
     from robustopt.problem import build_problem
+    from robustopt.runs.experiment import problem_size
 
     with status("building the problem", json or quiet):
         size = problem_size(build_problem(config))

@@ -18,10 +18,10 @@ from robustopt.config import Config, with_values
 from robustopt.contact import carried
 from robustopt.errors import ConfigError
 from robustopt.problem import TimeScalingProblem, build_rows
+from robustopt.problem.uncertainty import friction
 from robustopt.robot import load_robot
+from robustopt.robot.walker import Walker, load_walker
 from robustopt.timescaling import Plan, Status, solve, standstill
-from robustopt.uncertainty import friction
-from robustopt.walker import Walker, load_walker
 
 BISECTIONS = 12
 """Halvings of a remedy's interval: a value is found to 1/4096 of the way to the most generous one."""

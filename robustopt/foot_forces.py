@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robustopt.config_model import BASE_COORDINATES as BASE
+from robustopt.config.model import BASE_COORDINATES as BASE
+from robustopt.contact.load_sharing import distribute
 from robustopt.errors import ProblemInfeasible
-from robustopt.load_sharing import distribute
+from robustopt.path.walking_path import WalkingPath
+from robustopt.problem.walking import StandingTorque
+from robustopt.robot.walker import Walker, WalkerDynamics
 from robustopt.trajectory import Trajectory
-from robustopt.walker import Walker, WalkerDynamics
-from robustopt.walking import StandingTorque
-from robustopt.walking_path import WalkingPath
 
 if TYPE_CHECKING:
     from robustopt.timescaling.plan import Plan

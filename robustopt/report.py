@@ -13,11 +13,11 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from robustopt.learning_table import LEGEND, table
+from robustopt.runs.learning_table import LEGEND, table
 
 if TYPE_CHECKING:
-    from robustopt.execution_run import ExecutionResult
-    from robustopt.experiment import PlanResult
+    from robustopt.runs.execution_run import ExecutionResult
+    from robustopt.runs.experiment import PlanResult
 
 MOST_LIMITS = 8
 """Limits that are shown by name; the rest are summed up."""

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from robustopt.campaign import Learned
+    from robustopt.runs.campaign import Learned
 
 Progress = Callable[[int, int, int], None]
 """Called with the trials done, those asked for, and the successes so far."""
@@ -62,8 +62,8 @@ def learning_table(silent: bool) -> Iterator[Callable[[Learned], None] | None]:
     from rich.live import Live
     from rich.text import Text
 
-    from robustopt.learning_summary import row_record, trial_record
     from robustopt.report import iterations_table
+    from robustopt.runs.learning_summary import row_record, trial_record
 
     with Live(console=console(stderr=True), transient=True, refresh_per_second=8) as live:
 
@@ -126,7 +126,7 @@ def show_runs(records: Sequence[dict[str, Any]], folder: Path) -> None:
 
 def print_json(data: dict[str, Any]) -> None:
     """Print one JSON object."""
-    from robustopt.store import json_text
+    from robustopt.runs.store import json_text
 
     print(json_text(data))
 

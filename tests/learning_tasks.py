@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from scenes import FLAT, scene
 
-from robustopt import beliefs
 from robustopt.config import Config, dump
-from robustopt.experiment import PlanResult
-from robustopt.journal import Execution
 from robustopt.learning.learner import Belief
 from robustopt.learning.moments import Moments
+from robustopt.runs.experiment import PlanResult
+from robustopt.runs.journal import Execution
+from robustopt.runs.listing import beliefs
 
 THRESHOLD = 0.4
 

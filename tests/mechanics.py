@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from robustopt.config import Config
-from robustopt.geometry import placements
+from robustopt.config.geometry import placements
 from robustopt.problem import TimeScalingProblem
 
 STEP = 2e-4

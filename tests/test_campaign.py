@@ -7,16 +7,16 @@ from pathlib import Path
 import pytest
 from learning_tasks import ALGORITHMS, THRESHOLD, Threshold, remember_plans, task
 
-from robustopt import beliefs
-from robustopt.beliefs import believing, described
-from robustopt.campaign import Judgement, Learned, learn, replayed
 from robustopt.confidence import clopper_pearson
 from robustopt.config import Config, with_values
 from robustopt.errors import ConfigError, RunFolderError, SolverFailed
-from robustopt.executors import JUDGED, Simulated
-from robustopt.journal import Execution, Journal
 from robustopt.learning.learner import Belief, End, Result
 from robustopt.learning.moments import ErrorInterval
+from robustopt.runs.beliefs import believing, described
+from robustopt.runs.campaign import Judgement, Learned, learn, replayed
+from robustopt.runs.executors import JUDGED, Simulated
+from robustopt.runs.journal import Execution, Journal
+from robustopt.runs.listing import beliefs
 from robustopt.timescaling import Status
 
 

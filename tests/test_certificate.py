@@ -24,7 +24,7 @@ from robustopt.certificate.tally import Tally
 from robustopt.config import Config
 from robustopt.errors import SolverFailed
 from robustopt.robot import load_robot
-from robustopt.robot_model import TRAY_SITE
+from robustopt.robot.model_file import TRAY_SITE
 from robustopt.timescaling import Plan
 
 G = 9.81

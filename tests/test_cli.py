@@ -10,11 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from robustopt import __version__, cli, experiment
+from robustopt import __version__, cli
 from robustopt.config import load_config
 from robustopt.errors import RobustOptError
 from robustopt.interruption import interruptions, on_interrupt
-from robustopt.store import read_summary
+from robustopt.runs.listing import experiment
+from robustopt.runs.store import read_summary
 
 ROOT = Path(__file__).parents[1]
 WAITER = ROOT / "configs" / "waiter_two_blocks.yaml"

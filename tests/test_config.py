@@ -8,8 +8,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robustopt import schema
-from robustopt.config import dump, load_config, located, with_values
+from robustopt.config import dump, load_config, located, schema, with_values
 from robustopt.errors import ConfigError, ConfigProblem, PathError
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -530,7 +529,7 @@ def test_values_are_changed_in_a_checked_copy(task):
 
 @pytest.mark.parametrize("name", list(schema.files()))
 def test_generated_pages_are_up_to_date(name):
-    message = "run python -m robustopt.schema"
+    message = "run python -m robustopt.config.schema"
     assert (DOCS / name).read_text(encoding="utf-8") == schema.files()[name], message
 
 

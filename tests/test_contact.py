@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from scenes import G, bang_bang, plan_of, scene, waiter
 from scipy.optimize import linprog
 
+from robustopt.config.geometry import erode, rectangle, regular_polygon, rotation
 from robustopt.contact import (
     ContactSystem,
     about_point,
@@ -23,9 +24,8 @@ from robustopt.contact import (
     skew,
     wrench_generators,
 )
-from robustopt.geometry import erode, rectangle, regular_polygon, rotation
 from robustopt.problem import build_problem
-from robustopt.rows import evaluate
+from robustopt.problem.rows import evaluate
 from robustopt.timescaling.inner_lp import ForceProgram, missing_rows
 from robustopt.timescaling.plan import interval_ends
 

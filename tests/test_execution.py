@@ -11,7 +11,7 @@ from scipy.stats import binom
 
 from robustopt.confidence import clopper_pearson
 from robustopt.config import with_values
-from robustopt.config_model import DisturbanceConfig, ExecutionConfig, TruthConfig
+from robustopt.config.model import DisturbanceConfig, ExecutionConfig, TruthConfig
 from robustopt.errors import ConfigError, ProblemInfeasible, SimulationFailed
 from robustopt.execution import Status, Workers, execute, monte_carlo
 from robustopt.execution.controller import POSITION_VELOCITY, Gains, gains_of, reference

@@ -12,7 +12,7 @@ from scenes import FIXTURES, FLAT, scene
 from robustopt import cli, commands
 from robustopt.config import dump
 from robustopt.execution import monte_carlo
-from robustopt.store import read_summary
+from robustopt.runs.store import read_summary
 
 
 @pytest.fixture

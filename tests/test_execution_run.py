@@ -14,13 +14,14 @@ import pytest
 from PIL import Image
 from scenes import CONFIGS
 
-from robustopt import cli, execution_run
+from robustopt import cli
 from robustopt.config import load_config
 from robustopt.execution import execute
 from robustopt.execution.video import HEIGHT, STRIP, WIDTH, write_film
-from robustopt.execution_run import read_plan
-from robustopt.robot_model import resolve_package
-from robustopt.store import read_summary
+from robustopt.robot.model_file import resolve_package
+from robustopt.runs.execution_run import read_plan
+from robustopt.runs.listing import execution_run
+from robustopt.runs.store import read_summary
 from robustopt.timescaling import solve
 
 SHIPPED = sorted(CONFIGS.glob("*.yaml"))

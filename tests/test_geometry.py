@@ -5,9 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robustopt.config_model import Config
-from robustopt.errors import ConfigError
-from robustopt.geometry import (
+from robustopt.config.geometry import (
     area,
     clip,
     contains,
@@ -19,6 +17,8 @@ from robustopt.geometry import (
     regular_polygon,
     standing_order,
 )
+from robustopt.config.model import Config
+from robustopt.errors import ConfigError
 
 UNIT = rectangle(np.zeros(2), np.array([1.0, 1.0]))
 lengths = st.floats(0.1, 2.0)

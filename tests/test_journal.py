@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robustopt import journal as journal_module
 from robustopt.errors import RunFolderError, RunInUse
-from robustopt.journal import MANUAL, SIMULATION, Execution, Journal
 from robustopt.learning.learner import Belief
 from robustopt.learning.moments import ErrorInterval, Moments
-from robustopt.store import JOURNAL
+from robustopt.runs.journal import MANUAL, SIMULATION, Execution, Journal
+from robustopt.runs.listing import journal as journal_module
+from robustopt.runs.store import JOURNAL
 
 random = np.random.default_rng(4)
 AWKWARD = (0.1 + 0.2, -0.0, 5e-324, 1.7976931348623157e308, 1 / 3, np.nextafter(1.0, 2.0).item())
@@ -119,7 +119,7 @@ def test_a_batch_is_written_as_a_whole_or_not_at_all(tmp_path):
 HOLD = """
 import sys
 from pathlib import Path
-from robustopt.journal import Journal
+from robustopt.runs.journal import Journal
 from robustopt.learning.learner import Belief
 journal = Journal.open(Path(sys.argv[1]))
 journal.add_plan(Belief(0.5), 1.0)

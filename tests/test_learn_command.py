@@ -14,12 +14,13 @@ from pathlib import Path
 import pytest
 from learning_tasks import remember_plans, task
 
-from robustopt import beliefs, cli, executors, learning_run, report
+from robustopt import cli, report
 from robustopt.config import dump, load_config
 from robustopt.errors import RunFolderError, SolverFailed
 from robustopt.execution import Status
-from robustopt.journal import Journal
-from robustopt.store import JOURNAL, read_summary
+from robustopt.runs.journal import Journal
+from robustopt.runs.listing import beliefs, executors, learning_run
+from robustopt.runs.store import JOURNAL, read_summary
 
 TABLES = ("iterations.csv", "executions.csv", "plan.csv")
 

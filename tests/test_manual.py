@@ -11,13 +11,13 @@ import pytest
 from learning_tasks import remember_plans, task
 
 from robustopt import cli
-from robustopt.beliefs import Planner
 from robustopt.config import dump
-from robustopt.journal import Journal
 from robustopt.learning.learner import Belief
 from robustopt.learning.moments import Moments
-from robustopt.manual import NEXT, Manual, errors_of_log
-from robustopt.store import read_summary
+from robustopt.runs.beliefs import Planner
+from robustopt.runs.journal import Journal
+from robustopt.runs.manual import NEXT, Manual, errors_of_log
+from robustopt.runs.store import read_summary
 from robustopt.trajectory import Trajectory
 
 TABLE_1 = "n\n\nn\n\nn\n\ny\n\nn\n\n"

@@ -13,14 +13,14 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 import robustopt.path
-from robustopt.collision import CollisionCheck
 from robustopt.config import Config, PathConfig, load_config
 from robustopt.errors import PathError, RobotError
-from robustopt.inverse_kinematics import rotation_vector
 from robustopt.path import build_path
+from robustopt.path.collision import CollisionCheck
+from robustopt.path.inverse_kinematics import rotation_vector
+from robustopt.path.tray_path import TURN_LENGTH, TrayPath, tray_path
 from robustopt.robot import Robot, load_robot
-from robustopt.robot_model import resolve_package
-from robustopt.tray_path import TURN_LENGTH, TrayPath, tray_path
+from robustopt.robot.model_file import resolve_package
 
 FIXTURES = Path(__file__).parent / "fixtures"
 GANTRY = {"model": "gantry.xml", "tool": "tool"}

@@ -16,9 +16,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import waiter
 
+from robustopt.config.geometry import patches
 from robustopt.contact import patch_facets
-from robustopt.geometry import patches
-from robustopt.polygons import (
+from robustopt.problem import TimeScalingProblem, build_problem
+from robustopt.problem.polygons import (
     MAX_VERTICES,
     NO_NAME,
     ROOM,
@@ -30,9 +31,8 @@ from robustopt.polygons import (
     facet_family,
     start,
 )
-from robustopt.problem import TimeScalingProblem, build_problem
-from robustopt.rows import evaluate
-from robustopt.uncertainty import friction
+from robustopt.problem.rows import evaluate
+from robustopt.problem.uncertainty import friction
 
 EXPERIMENTS = Path(__file__).parents[1] / "experiments"
 KINDS = ("friction", "joint_acceleration", "contact_points", "center_of_mass", "mass")

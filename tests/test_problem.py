@@ -12,9 +12,9 @@ from scenes import FLAT, WAITERS, G, bang_bang, residual, scene, waiter
 
 from robustopt.path import build_path
 from robustopt.problem import TimeScalingProblem, build_problem, build_rows
+from robustopt.problem.track import _apportion, gridpoints
 from robustopt.robot import load_robot
 from robustopt.timescaling import solve
-from robustopt.track import _apportion, gridpoints
 
 
 @cache

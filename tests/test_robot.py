@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from robustopt.config import Config
 from robustopt.errors import RobotError
 from robustopt.robot import Robot, load_robot
-from robustopt.robot_model import load_model, resolve_package
+from robustopt.robot.model_file import load_model, resolve_package
 
 FIXTURES = Path(__file__).parent / "fixtures"
 TRAY = {"size": [0.3, 0.3, 0.01], "mass": 1.0}

@@ -15,7 +15,7 @@ from scenes import BOX, FLAT, WAITERS, bang_bang, duration, plan_of, residual, s
 
 from robustopt.config import Config, with_values
 from robustopt.problem import TimeScalingProblem, build_problem
-from robustopt.rows import evaluate
+from robustopt.problem.rows import evaluate
 from robustopt.timescaling import Plan, Status, solve
 from robustopt.timescaling.plan import duration_of, interval_ends
 from robustopt.timescaling.reachability import passes, solve_reachability

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from robustopt import store
 from robustopt.config import Config, dump, load_config
 from robustopt.errors import RunFolderError
-from robustopt.store import CONFIG, JOURNAL, PROVENANCE, SUMMARY, new_run, read_summary, write_json, write_origin
+from robustopt.runs.listing import store
+from robustopt.runs.store import CONFIG, JOURNAL, PROVENANCE, SUMMARY, new_run, read_summary, write_json, write_origin
 
 MODEL = Path(store.__file__).parent / "models" / "tx90l.xml"
 
@@ -55,7 +55,7 @@ def test_runs_of_the_same_second_get_numbers(tmp_path, monkeypatch):
 
 def test_runs_written_at_the_same_time_do_not_meet(tmp_path):
     program = (
-        "import sys; from pathlib import Path; from robustopt.store import new_run\n"
+        "import sys; from pathlib import Path; from robustopt.runs.store import new_run\n"
         "with new_run('task', root=Path(sys.argv[1])) as run:\n"
         "    (run.folder / 'file').write_text('x')\n"
     )
@@ -100,7 +100,7 @@ def test_a_place_that_cannot_be_written_is_found_before_anything_is_computed(tmp
 
 
 KILLED = (
-    "import os, sys; from pathlib import Path; from robustopt.store import new_run\n"
+    "import os, sys; from pathlib import Path; from robustopt.runs.store import new_run\n"
     "with new_run('task', Path(sys.argv[1])) as run:\n"
     "    (run.folder / 'file').write_text('x')\n"
     "    print('begun', flush=True); sys.stdin.read()\n"

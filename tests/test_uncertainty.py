@@ -13,8 +13,8 @@ from scenes import BOX, FLAT, scene, waiter
 from scipy.spatial.transform import Rotation
 
 from robustopt.problem import TimeScalingProblem, build_problem
-from robustopt.rows import evaluate, worst_wrench
-from robustopt.uncertainty import (
+from robustopt.problem.rows import evaluate, worst_wrench
+from robustopt.problem.uncertainty import (
     INERTIA_TERMS,
     acceleration_error,
     bodies,

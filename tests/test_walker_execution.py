@@ -10,8 +10,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from robustopt.beliefs import believing
-from robustopt.campaign import learn
 from robustopt.cli import run
 from robustopt.config import Config, load_config, with_values
 from robustopt.errors import ConfigError
@@ -26,13 +24,15 @@ from robustopt.execution.trace import trace
 from robustopt.execution.truth import TrueBody, World
 from robustopt.execution.walker_scene import WalkerScene
 from robustopt.foot_forces import planned_forces
-from robustopt.footsteps import footsteps
 from robustopt.learning.learner import Belief
 from robustopt.learning.moments import ErrorInterval
+from robustopt.path.footsteps import footsteps
 from robustopt.problem import build_problem
+from robustopt.robot.walker import Walker
+from robustopt.runs.beliefs import believing
+from robustopt.runs.campaign import learn
 from robustopt.timescaling import Plan, solve
 from robustopt.trajectory import Trajectory
-from robustopt.walker import Walker
 
 CONFIG = Path(__file__).parent.parent / "configs" / "humanoid_step.yaml"
 MASS = 42.2

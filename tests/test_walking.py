@@ -14,27 +14,27 @@ import pytest
 from scipy.optimize import linprog
 
 from robustopt.batch import BatchPlanner, with_beliefs
-from robustopt.beliefs import Planner
-from robustopt.beliefs import believing as believing_config
 from robustopt.certificate import certify
 from robustopt.cli import run
 from robustopt.config import load_config, with_values
-from robustopt.config_model import Config
+from robustopt.config.model import Config
 from robustopt.errors import ConfigError, PathError, RobotError
 from robustopt.foot_forces import planned_forces
-from robustopt.footsteps import footsteps
 from robustopt.learning.learner import Belief
+from robustopt.path.footsteps import footsteps
+from robustopt.path.walking_path import WalkingPath
 from robustopt.plotting import figures, house_style
 from robustopt.problem import TimeScalingProblem, build_problem, build_rows
-from robustopt.robot_model import MODELS
-from robustopt.rows import evaluate
+from robustopt.problem.rows import evaluate
+from robustopt.problem.walking import StandingTorque
+from robustopt.robot.model_file import MODELS
+from robustopt.robot.walker import Walker
+from robustopt.runs.beliefs import Planner
+from robustopt.runs.beliefs import believing as believing_config
 from robustopt.timescaling import Plan, Status, solve
 from robustopt.timescaling.plan import interval_ends
 from robustopt.timescaling.sharing import missing_shared_rows
 from robustopt.trajectory import Trajectory
-from robustopt.walker import Walker
-from robustopt.walking import StandingTorque
-from robustopt.walking_path import WalkingPath
 
 CONFIG = Path(__file__).parent.parent / "configs" / "humanoid_step.yaml"
 BASE = 6

@@ -15,7 +15,7 @@ import numpy as np
 
 from robustopt.certificate.contact_points import Array, Contacts, Face, Indices
 from robustopt.config import Config, ObjectConfig, TrayConfig
-from robustopt.geometry import Placement, clip, footprint, placements, rectangle, standing_order, supports
+from robustopt.config.geometry import Placement, clip, footprint, placements, rectangle, standing_order, supports
 
 RIM_POINTS = 16
 """A round face is the inscribed regular polygon of the smallest multiple of `contact.patch_points` with at least this

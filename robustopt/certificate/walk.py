@@ -12,10 +12,10 @@ from robustopt.certificate.contact_points import Array, Contacts, Face, Indices
 from robustopt.certificate.motion import Instants
 from robustopt.certificate.tally import Found, Tally
 from robustopt.config import Config
-from robustopt.config_model import BASE_COORDINATES as BASE
-from robustopt.config_model import FEET
-from robustopt.walker import Walker
-from robustopt.walking_path import WalkingPath
+from robustopt.config.model import BASE_COORDINATES as BASE
+from robustopt.config.model import FEET
+from robustopt.path.walking_path import WalkingPath
+from robustopt.robot.walker import Walker
 
 if TYPE_CHECKING:
     from robustopt.timescaling import Plan

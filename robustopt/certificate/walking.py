@@ -31,7 +31,7 @@ from robustopt.certificate.walk import (
 )
 from robustopt.certificate.walking_torque import check_torque
 from robustopt.config import Config
-from robustopt.config_model import BASE_COORDINATES as BASE
+from robustopt.config.model import BASE_COORDINATES as BASE
 
 if TYPE_CHECKING:
     from robustopt.timescaling import Plan

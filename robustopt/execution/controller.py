@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-from robustopt.config_model import BASE_COORDINATES as BASE
-from robustopt.config_model import Config
+from robustopt.config.model import BASE_COORDINATES as BASE
+from robustopt.config.model import Config
 from robustopt.errors import ConfigError
 from robustopt.robot import Robot
-from robustopt.robot_model import load_model
+from robustopt.robot.model_file import load_model
+from robustopt.robot.walker import Walker
+from robustopt.robot.walker_model import load_walker_model
 from robustopt.trajectory import Trajectory
-from robustopt.walker import Walker
-from robustopt.walker_model import load_walker_model
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from robustopt.execution.feedback import low_passed
 from robustopt.execution.outcome import Motion
-from robustopt.footsteps import Stance
+from robustopt.path.footsteps import Stance
 
 Array = np.ndarray
 

@@ -15,15 +15,15 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from robustopt.config_model import Config, FailureConfig, ObjectConfig
+from robustopt.config.geometry import RESOLUTION, Placement, half_height, placements, rotation, supports
+from robustopt.config.model import Config, FailureConfig, ObjectConfig
 from robustopt.errors import ConfigError
 from robustopt.execution.controller import WITH_TORQUE, Gains, JointLayout, Reference, computed_torque, controls
 from robustopt.execution.outcome import Criterion, Motion, motion_of_object, object_criteria, object_motion
 from robustopt.execution.simulation import Record, joint_velocities
 from robustopt.execution.truth import TrueBody, World, believed_world
-from robustopt.geometry import RESOLUTION, Placement, half_height, placements, rotation, supports
 from robustopt.robot import Robot, load_robot
-from robustopt.robot_model import TRAY_SITE
+from robustopt.robot.model_file import TRAY_SITE
 
 Array = np.ndarray
 

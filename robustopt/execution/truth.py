@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robustopt.config_model import Config, ObjectConfig, TrayConfig, TruthConfig, VariationConfig
-from robustopt.uncertainty import INERTIA_TERMS, inertia_matrix
+from robustopt.config.model import Config, ObjectConfig, TrayConfig, TruthConfig, VariationConfig
+from robustopt.problem.uncertainty import INERTIA_TERMS, inertia_matrix
 
 Array = np.ndarray
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from robustopt.config_model import BASE_COORDINATES as BASE
-from robustopt.config_model import Config, FailureConfig, TruthConfig
+from robustopt.config.model import BASE_COORDINATES as BASE
+from robustopt.config.model import Config, FailureConfig, TruthConfig
 from robustopt.errors import ConfigError
 from robustopt.execution.controller import Gains, JointLayout, Reference, controls
 from robustopt.execution.footing import FootContact, foot_motion, stands, trunk_motion, turning
@@ -21,9 +21,9 @@ from robustopt.execution.outcome import Criterion, Motion, Status
 from robustopt.execution.scene import PREFIX, View, add_sky, compiled, set_inertia
 from robustopt.execution.simulation import Record, joint_velocities
 from robustopt.execution.truth import TrueBody, World, believed_friction
-from robustopt.footsteps import footsteps
-from robustopt.robot_model import model_file, read_model
-from robustopt.walker import Walker, load_walker
+from robustopt.path.footsteps import footsteps
+from robustopt.robot.model_file import model_file, read_model
+from robustopt.robot.walker import Walker, load_walker
 
 Array = np.ndarray
 

@@ -11,10 +11,10 @@ from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from robustopt.foot_forces import FootForces, planned_forces
+from robustopt.path.walking_path import WalkingPath
 from robustopt.plotting.style import BLUE, GREEN, GREY, INK, PALE, VERMILLION
-from robustopt.uncertainty import friction
-from robustopt.walker import Walker
-from robustopt.walking_path import WalkingPath
+from robustopt.problem.uncertainty import friction
+from robustopt.robot.walker import Walker
 
 if TYPE_CHECKING:
     from robustopt.config import Config

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from robustopt.foot_forces import planned_forces
 from robustopt.plotting.style import BLUE, INK, VERMILLION
+from robustopt.problem.uncertainty import acceleration_error
 from robustopt.trajectory import Trajectory, joint_motion
-from robustopt.uncertainty import acceleration_error
 
 if TYPE_CHECKING:
     from robustopt.timescaling.plan import Plan

@@ -14,9 +14,9 @@ from dataclasses import replace
 import numpy as np
 
 from robustopt.problem import TimeScalingProblem
+from robustopt.problem.walking import StandingTorque
 from robustopt.timescaling.plan import Plan, Status, binding_rows, failed_plan, interval_ends
 from robustopt.timescaling.reachability import solve_reachability
-from robustopt.walking import StandingTorque
 
 __all__ = ["Plan", "Status", "solve", "standstill"]
 

@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from robustopt.polygons import Loads
-from robustopt.rows import ContactFamily, evaluate, worst_wrench
+from robustopt.problem.polygons import Loads
+from robustopt.problem.rows import ContactFamily, evaluate, worst_wrench
 from robustopt.timescaling.linear_program import LinearProgram
 
 Array = np.ndarray

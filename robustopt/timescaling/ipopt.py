@@ -15,7 +15,7 @@ import numpy as np
 from scipy import sparse
 
 from robustopt.problem import TimeScalingProblem
-from robustopt.rows import TorqueFamily
+from robustopt.problem.rows import TorqueFamily
 from robustopt.timescaling.plan import Plan, Status, duration_of, failed_plan, solved_plan
 from robustopt.timescaling.reachability import passes
 

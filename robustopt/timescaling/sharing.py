@@ -13,11 +13,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from robustopt.config_model import BASE_COORDINATES as BASE
-from robustopt.load_sharing import distribute
-from robustopt.rows import evaluate, worst_wrench
+from robustopt.config.model import BASE_COORDINATES as BASE
+from robustopt.contact.load_sharing import distribute
+from robustopt.problem.rows import evaluate, worst_wrench
+from robustopt.problem.walking import SharedRow, StandingTorque
 from robustopt.timescaling.linear_program import LinearProgram
-from robustopt.walking import SharedRow, StandingTorque
 
 Array = np.ndarray
 

@@ -1,0 +1,270 @@
+"""What relates several keys of a configuration to each other."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from robustopt.config.document import Key, show_key
+from robustopt.config.geometry import RESOLUTION, supports
+from robustopt.config.model import FEET, Config, ObjectConfig, TrayConfig, TrayPose
+from robustopt.config.scene_check import check_scene
+from robustopt.config.step_check import check_steps
+
+Finding = tuple[Key, str]
+"""Key of a mistake, and what was found and what would be right."""
+
+
+def check(config: Config, names: Collection[str] | None = None) -> Iterator[Finding]:
+    """All mistakes in how the keys of a configuration fit together.
+
+    names: all objects that the configuration names; those that are missing in `config` were wrong in themselves,
+    so the scene as a whole is not checked.
+    """
+    names = tuple(config.objects) if names is None else names
+    yield from _names(config, names)
+    yield from check_steps(config)
+    yield from _path(config)
+    yield from _solver(config)
+    for name, body in config.objects.items():
+        yield from _shape(("objects", name), body)
+        yield from _inertia(("objects", name, "inertia"), body)
+    if config.tray is not None:
+        yield from _inertia(("tray", "inertia"), config.tray)
+    yield from _intervals(config)
+    yield from _references(config, names)
+    standing = list(_standing(config, names))
+    yield from standing
+    whole = config.tray is not None and set(names) == set(config.objects)
+    if not standing and whole and not any(_shapes(config)):
+        yield from check_scene(config)
+
+
+def _shapes(config: Config) -> Iterator[Finding]:
+    for name, body in config.objects.items():
+        yield from _shape(("objects", name), body)
+
+
+# Names ----------------------------------------------------------------------------------------------------
+
+
+def _names(config: Config, names: Collection[str]) -> Iterator[Finding]:
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}", config.name):
+        message = f"found {config.name!r}; expected letters, digits, `.`, `_` and `-`, because it names a folder"
+        yield ("name",), message
+    for name in names:
+        if name in ("tray", "default"):
+            yield ("objects", name), f"an object cannot be called {name}, which has a meaning of its own"
+        elif not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_-]*", name):
+            yield ("objects", name), f"found {name!r}; expected a name of letters, digits, `_` and `-`"
+
+
+def _unknown(name: str, valid: Collection[str]) -> str:
+    near = difflib.get_close_matches(name, valid, n=1)
+    hint = f"did you mean {near[0]}? " if near else ""
+    return f"nothing is called {name}; {hint}expected one of {', '.join(valid) or 'no name, as there are no objects'}"
+
+
+def _references(config: Config, names: Collection[str]) -> Iterator[Finding]:
+    interfaces, bodies = (*names, "default"), ("tray", *names)
+    if config.walks:  # bodies are those of the robot's model, which is not read yet
+        names, interfaces = FEET, (*FEET, "default")
+    uncertain, execution = config.uncertainty, config.execution
+    per_name: list[tuple[Key, Any, Collection[str]]] = [
+        (("contact", "friction"), config.contact.friction, interfaces),
+        (("uncertainty", "friction"), uncertain.friction, interfaces),
+        (("uncertainty", "contact_points"), uncertain.contact_points, interfaces),
+        (("uncertainty", "mass"), uncertain.mass, bodies),
+        (("uncertainty", "center_of_mass"), uncertain.center_of_mass, bodies),
+    ]
+    if execution is not None:
+        truth: Key = ("execution", "truth")
+        true, varied = execution.truth, execution.truth.variation
+        per_name += [
+            ((*truth, "friction"), true.friction, interfaces),
+            ((*truth, "mass"), true.mass, bodies),
+            ((*truth, "center_of_mass"), true.center_of_mass, bodies),
+            ((*truth, "inertia"), true.inertia, bodies),
+            ((*truth, "contact_inset"), true.contact_inset, names),
+            ((*truth, "variation", "friction"), varied.friction, interfaces),
+            ((*truth, "variation", "mass"), varied.mass, bodies),
+            ((*truth, "variation", "center_of_mass"), varied.center_of_mass, bodies),
+            (("execution", "disturbance", "on"), {execution.disturbance.on or "tray": None}, bodies),
+        ]
+    if config.walks:
+        per_name = [item for item in per_name if item[2] is not bodies]
+    for key, values, valid in per_name:
+        if not isinstance(values, Mapping):
+            continue
+        for name in values:
+            if name not in valid:
+                yield (key if key[-1] == "on" else (*key, name)), _unknown(name, valid)
+        if key == ("contact", "friction") and "default" not in values:
+            missing = [name for name in names if name not in values]
+            if missing:
+                each = "foot" if config.walks else "object"
+                yield key, f"no value for {', '.join(missing)}; expected one for each {each}, or `default`"
+
+
+# Path and solver ------------------------------------------------------------------------------------------
+
+
+def _path(config: Config) -> Iterator[Finding]:
+    path = config.path
+    given = [name for name in ("tray_poses", "joints", "steps") if getattr(path, name) is not None]
+    if len(given) != 1:
+        found = f"{'both' if len(given) == 2 else 'all'} of {' and '.join(given)}" if given else "none of them"
+        yield ("path",), f"found {found}; expected exactly one of tray_poses, joints and steps"
+        return
+    if path.tray_poses is not None:
+        key: Key = ("path", "tray_poses")
+        for i, pose in enumerate(path.tray_poses):
+            yield from _orientation((*key, i), pose)
+        yield from _waypoints(key, [_pose_numbers(pose) for pose in path.tray_poses])
+    elif not isinstance(path.joints, str) and path.joints is not None:
+        yield from _waypoints(("path", "joints"), path.joints)
+
+
+def _waypoints(key: Key, waypoints: Sequence[Sequence[float]]) -> Iterator[Finding]:
+    name = show_key(key)
+    if len(waypoints) < 2:
+        yield key, f"found {len(waypoints)} waypoint{'' if len(waypoints) == 1 else 's'}; expected at least two"
+    for i, (first, second) in enumerate(pairwise(waypoints)):
+        if len(first) != len(second):
+            yield (*key, i + 1), f"found {len(second)} joint positions; expected {len(first)} as in {name}[{i}]"
+        elif max((abs(a - b) for a, b in zip(first, second, strict=True)), default=0.0) <= RESOLUTION:
+            yield (*key, i + 1), f"the same waypoint as {name}[{i}] before it; expected it once"
+
+
+def _orientation(key: Key, pose: TrayPose) -> Iterator[Finding]:
+    given = [name for name in ("rpy", "yaw", "quaternion") if getattr(pose, name) is not None]
+    if len(given) > 1:
+        yield key, f"found {' and '.join(given)}; expected at most one of rpy, yaw and quaternion"
+    if pose.quaternion is not None and np.linalg.norm(pose.quaternion) < 1e-6:
+        message = f"found {list(pose.quaternion)}, which has no direction; expected w, x, y, z, not all zero"
+        yield (*key, "quaternion"), message
+
+
+def _pose_numbers(pose: TrayPose) -> tuple[float, ...]:
+    rpy = pose.rpy or (0.0, 0.0, pose.yaw or 0.0)
+    return (*pose.position, *rpy, *(pose.quaternion or (1.0, 0.0, 0.0, 0.0)))
+
+
+def _solver(config: Config) -> Iterator[Finding]:
+    solver = config.solver
+    if solver.method == "reachability" and solver.cost != "time":
+        message = f"found {solver.cost} with method reachability, which minimises time; expected time, or method ipopt"
+        yield ("solver", "cost"), message
+    if solver.cost != "time" and solver.weight == 0:
+        yield ("solver", "weight"), f"found 0; expected a number above 0 with cost {solver.cost}"
+
+
+# Bodies ---------------------------------------------------------------------------------------------------
+
+
+def _shape(key: Key, body: ObjectConfig) -> Iterator[Finding]:
+    needed = ("size",) if body.shape == "box" else ("radius", "height")
+    for name in ("size", "radius", "height"):
+        if name in needed and getattr(body, name) is None:
+            yield (*key, name), f"missing; a {body.shape} needs {' and '.join(needed)}"
+        elif name not in needed and getattr(body, name) is not None:
+            yield (*key, name), f"found {name} for a {body.shape}; expected only {' and '.join(needed)}"
+
+
+def _inertia(key: Key, body: TrayConfig | ObjectConfig) -> Iterator[Finding]:
+    if body.inertia is None:
+        return
+    xx, yy, zz, xy, xz, yz = (*body.inertia, 0.0, 0.0, 0.0)[:6]
+    low, middle, high = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    principal = ", ".join(f"{value:.3g}" for value in (low, middle, high))
+    if low <= 0:
+        yield key, f"the principal moments are {principal}; expected all above 0"
+    elif high > (low + middle) * (1 + 1e-9):
+        yield key, f"the principal moments are {principal}; no body has one above the sum of the other two"
+
+
+def _standing(config: Config, names: Collection[str]) -> Iterator[Finding]:
+    """Unknown supports, and objects that stand on each other in a circle."""
+    on = {name: supports(body) for name, body in config.objects.items()}
+    for name, below in on.items():
+        for support in below:
+            if support != "tray" and support not in names:
+                yield ("objects", name, "on"), _unknown(support, ("tray", *names))
+        if len(set(below)) < len(below):
+            yield ("objects", name, "on"), f"found {below[0]} twice; expected two different supports, or one name"
+    grounded = {"tray", *(name for name in names if name not in on)}
+    while more := {name for name, below in on.items() if name not in grounded and grounded.issuperset(below)}:
+        grounded |= more
+    circle = _circle({name: below for name, below in on.items() if name not in grounded})
+    if circle:
+        chain = ", which stands on ".join([*circle[1:], circle[0]])
+        message = f"{circle[0]} stands on {chain}; expected a chain that ends on the tray"
+        yield ("objects", circle[0], "on"), message
+
+
+def _circle(on: Mapping[str, tuple[str, ...]]) -> list[str]:
+    """Names of objects each of which stands on the next, and the last on the first."""
+    for start in on:
+        chain = [start]
+        while following := next((below for below in on[chain[-1]] if below in on), None):
+            if following in chain:
+                return chain[chain.index(following) :]
+            chain.append(following)
+    return []
+
+
+# Intervals ------------------------------------------------------------------------------------------------
+
+
+def _intervals(config: Config) -> Iterator[Finding]:
+    uncertain = config.uncertainty
+    for name, limits in config.robot.limits.items():
+        if limits.position is not None:
+            yield from _interval(("robot", "limits", name, "position"), limits.position)
+    if config.learning is not None:
+        yield from _interval(("learning", "friction"), config.learning.friction)
+    for name, interval in uncertain.mass.items():
+        key: Key = ("uncertainty", "mass", name)
+        yield from _interval(key, interval)
+        body = config.tray if name == "tray" else config.objects.get(name)
+        if body is not None:
+            where = f"{name}.mass" if name == "tray" else f"objects.{name}.mass"
+            yield from _inside(key, interval, body.mass, where)
+    yield from _friction(config)
+
+
+def _friction(config: Config) -> Iterator[Finding]:
+    intervals, values = config.uncertainty.friction, config.contact.friction
+    if intervals is None:
+        return
+    base: Key = ("uncertainty", "friction")
+    by_name = intervals if isinstance(intervals, Mapping) else {"": intervals}
+    for name, interval in by_name.items():
+        yield from _interval((*base, name) if name else base, interval)
+    for name in config.interfaces:
+        used = name if name in by_name else "default" if "default" in by_name else ""
+        if used not in by_name:
+            continue
+        value = values if not isinstance(values, Mapping) else values.get(name, values.get("default"))
+        if value is not None:
+            yield from _inside((*base, used) if used else base, by_name[used], value, "contact.friction")
+
+
+def _interval(key: Key, interval: tuple[float, float]) -> Iterator[Finding]:
+    low, high = interval
+    if low > high:
+        yield key, f"found [{low:g}, {high:g}]; expected the lowest value first: [{high:g}, {low:g}]"
+
+
+def _inside(key: Key, interval: tuple[float, float], value: float, where: str) -> Iterator[Finding]:
+    low, high = interval
+    if low <= high and not low <= value <= high:
+        message = (
+            f"found [{low:g}, {high:g}], which does not contain {where}, {value:g}; expected an interval around it"
+        )
+        yield key, message

@@ -1,0 +1,141 @@
+"""Whether the objects of a configuration can stand where they are put, on a level tray."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from robustopt.config.document import Key
+from robustopt.config.geometry import (
+    Patch,
+    Placement,
+    area,
+    base_outline,
+    contains,
+    eroded,
+    overlaps,
+    patches,
+    placements,
+    rotation,
+    solids,
+    supports,
+)
+from robustopt.config.model import Config
+
+Finding = tuple[Key, str]
+
+LEVEL = 1e-6
+"""Tops of the two supports of a bridge may differ by a micrometre: real ones do by more (our choice)."""
+
+OUTLINE_POINTS = 64
+"""Corners of a round object's outline when overlaps are looked for: 0.1 % of the radius inside the circle."""
+
+
+def check_scene(config: Config) -> Iterator[Finding]:
+    """Mistakes in where the objects stand; supports and shapes must be valid."""
+    uneven = list(_uneven_bridges(config))
+    yield from uneven
+    if uneven:
+        return
+    placed, contacts = placements(config), patches(config)
+    off = list(_off_support(config, placed, contacts))
+    yield from off
+    if not off:
+        yield from _tipping(config, placed, contacts)
+        yield from _contact_points(config, contacts)
+    yield from _penetration(config)
+
+
+def _uneven_bridges(config: Config) -> Iterator[Finding]:
+    placed = placements(config)
+    tops = {name: float(place.position[2] + place.half_height) for name, place in placed.items()}
+    tops["tray"] = 0.5 * config.carried_tray.size[2]
+    for name, body in config.objects.items():
+        heights = [tops[support] for support in supports(body)]
+        if max(heights) - min(heights) > LEVEL:
+            found = " and ".join(f"{h:g} m for {s}" for s, h in zip(supports(body), heights, strict=True))
+            message = f"the tops of its supports are at {found}; expected two supports of the same height"
+            yield ("objects", name, "on"), message
+
+
+def _off_support(config: Config, placed: dict[str, Placement], contacts: tuple[Patch, ...]) -> Iterator[Finding]:
+    for patch in contacts:
+        if area(patch.polygon) > 0:
+            continue
+        if patch.support == "tray":
+            x, y = 0.5 * config.carried_tray.size[0], 0.5 * config.carried_tray.size[1]
+            face = f"the tray, which reaches from {-x:g} to {x:g} m in x and from {-y:g} to {y:g} m in y"
+        else:
+            x, y = placed[patch.support].position[:2]
+            face = f"the upper face of {patch.support}, whose centre is at [{x:.4g}, {y:.4g}] m on the tray"
+        x, y = placed[patch.object].position[:2]
+        message = f"its base, with its centre at [{x:.4g}, {y:.4g}] m on the tray, is off {face}; expected an overlap"
+        yield ("objects", patch.object, "at"), message
+
+
+def _tipping(config: Config, placed: dict[str, Placement], contacts: tuple[Patch, ...]) -> Iterator[Finding]:
+    """Objects that fall over on a level tray at rest, each with all that stands on it."""
+    if not _level(config):
+        return
+    for name in config.objects:
+        carried = _carried(config, name)
+        if carried is None:
+            continue
+        mass = np.array([config.objects[other].mass for other in carried])
+        center = mass @ np.array([_center_of_mass(config, placed, other) for other in carried]) / mass.sum()
+        polygon = base_outline(tuple(patch for patch in contacts if patch.object == name))
+        if not contains(polygon, center):
+            load = "" if len(carried) == 1 else f" with {', '.join(carried[1:])}"
+            below = " and ".join(supports(config.objects[name]))
+            message = (
+                f"the centre of mass of {name}{load}, at [{center[0]:.4g}, {center[1]:.4g}] m on the tray, is not "
+                f"above its contact with {below}, so it tips over at rest; expected it above the contact"
+            )
+            yield ("objects", name), message
+
+
+def _level(config: Config) -> bool:
+    """Whether every pose of the tray is level, which is known only for tray poses with at most a yaw."""
+    poses = config.path.tray_poses
+    upright = config.gravity[:2] == (0.0, 0.0) and config.gravity[2] < 0
+    return upright and poses is not None and all(p.quaternion is None and not any((p.rpy or (0, 0))[:2]) for p in poses)
+
+
+def _carried(config: Config, name: str) -> list[str] | None:
+    """An object and all that stands on it, or None where a bridge shares its load with another object."""
+    load = [name]
+    for other in load:
+        for above, body in config.objects.items():
+            if other in supports(body) and above not in load:
+                if len(supports(body)) > 1:
+                    return None
+                load.append(above)
+    return load
+
+
+def _center_of_mass(config: Config, placed: dict[str, Placement], name: str) -> np.ndarray:
+    offset = np.array(config.objects[name].center_of_mass[:2])
+    return np.asarray(placed[name].position[:2] + rotation(placed[name].yaw) @ offset)
+
+
+def _contact_points(config: Config, contacts: tuple[Patch, ...]) -> Iterator[Finding]:
+    distance = config.uncertainty.contact_points
+    if distance is None:
+        return
+    by_name = distance if isinstance(distance, dict) else {"default": distance}
+    for patch in contacts:
+        used = patch.object if patch.object in by_name else "default"
+        d = by_name.get(used, 0.0)
+        if d > 0 and len(eroded(patch, d)) == 0:
+            key: Key = ("uncertainty", "contact_points")
+            message = (
+                f"found {d:g} m, at or over half the size of the contact of {patch.object} on {patch.support}, "
+                "of which nothing certain is left; expected less"
+            )
+            yield (*key, used) if isinstance(distance, dict) else key, message
+
+
+def _penetration(config: Config) -> Iterator[Finding]:
+    for first, second in overlaps(config.carried_tray.size, solids(config), OUTLINE_POINTS):
+        yield ("objects", second), f"it overlaps with {first}; expected each object in a place of its own"

@@ -1,0 +1,87 @@
+"""What the keys of a robot on its feet and those of a robot that carries a tray may say together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from robustopt.config.document import Key
+from robustopt.config.geometry import RESOLUTION
+from robustopt.config.model import Config, StanceConfig, TrayConfig
+
+Finding = tuple[Key, str]
+
+POINTS_PER_PHASE = 8
+"""Intervals of the grid per phase of a path with steps: every lift and landing of a foot is a grid point of its own."""
+
+
+def check_steps(config: Config) -> Iterator[Finding]:
+    """Mistakes in the keys that only one of the two kinds of robots has, and in the steps themselves."""
+    if config.walks:
+        yield from _without_tray(config)
+        yield from _steps(config)
+    else:
+        yield from _with_tray(config)
+
+
+def _with_tray(config: Config) -> Iterator[Finding]:
+    if config.tray is None:
+        keys = ", ".join(TrayConfig.model_fields)
+        what = f"a section with the keys {keys} (the tray that the robot carries)"
+        yield ("tray",), f"missing; expected {what}, or path.steps for a robot on its feet"
+    if isinstance(config.path.start, StanceConfig):
+        yield ("path", "start"), "found where the feet stand; expected joint positions, or path.steps"
+    if np.any(config.uncertainty.base_acceleration):
+        yield ("uncertainty", "base_acceleration"), "found it without path.steps; only a robot on its feet has it"
+
+
+def _without_tray(config: Config) -> Iterator[Finding]:
+    foreign: list[tuple[Key, bool]] = [
+        (("tray",), config.tray is not None),
+        (("objects",), bool(config.objects)),
+        (("robot", "locked"), bool(config.robot.locked)),
+        (("path", "blend"), config.path.blend > 0),
+    ]
+    for key, given in foreign:
+        if given:
+            yield key, "found it together with path.steps; a robot on its feet carries nothing and moves all its joints"
+    execution = config.execution
+    if execution is not None and execution.controller.feedforward == "gravity":
+        message = "found gravity with path.steps; expected computed_torque: without the torque of its contact forces a "
+        yield ("execution", "controller", "feedforward"), message + "robot on its feet falls"
+    least = POINTS_PER_PHASE * (2 * len(config.path.steps or ()) + 1)
+    if config.solver.collocation_points < least:
+        found = f"found {config.solver.collocation_points}"
+        yield ("solver", "collocation_points"), f"{found}; expected at least {least} for this number of steps"
+    if config.solver.cost == "effort":
+        message = "found effort with path.steps, where torques depend on how the feet share the load; expected time "
+        yield ("solver", "cost"), message + "or smoothness"
+    if len(np.atleast_1d(config.uncertainty.base_acceleration)) not in (1, 6):
+        found = f"found {len(np.atleast_1d(config.uncertainty.base_acceleration))} values; expected one, or six: "
+        yield ("uncertainty", "base_acceleration"), found + "along x, y, z and about z, y, x"
+
+
+def _steps(config: Config) -> Iterator[Finding]:
+    steps, start = config.path.steps, config.path.start
+    assert steps is not None
+    if not steps:
+        yield ("path", "steps"), "found no steps; expected at least one, such as {foot: right, to: [0.2, -0.16]}"
+    if not isinstance(start, StanceConfig):
+        found = "missing" if start is None else "found joint positions"
+        yield ("path", "start"), f"{found}; expected where the feet stand: {{left: [0, 0.16], right: [0, -0.16]}}"
+        return
+    standing = {"left": start.left, "right": start.right}
+    if standing["left"][1] <= standing["right"][1]:
+        yield ("path", "start"), "the left foot is not to the left of the right one; expected its y to be the larger"
+        return
+    for k, step in enumerate(steps):
+        if k and step.foot == steps[k - 1].foot:
+            message = f"found {step.foot} as in the step before; expected the feet in turn: join the two steps"
+            yield ("path", "steps", k, "foot"), message
+        if np.linalg.norm(np.subtract(step.to, standing[step.foot])) <= RESOLUTION:
+            yield ("path", "steps", k, "to"), f"the {step.foot} foot stands there already; expected another place"
+        standing[step.foot] = step.to
+        if standing["left"][1] <= standing["right"][1]:
+            yield ("path", "steps", k, "to"), "the feet would cross; expected the left foot to the left of the right"
+            return

@@ -1,0 +1,225 @@
+"""From plain values to a `Config`: every mistake of a document at once, in words."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from copy import deepcopy
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+from pydantic.fields import FieldInfo
+
+from robustopt.config.check import check
+from robustopt.config.document import Document, Key
+from robustopt.config.model import Config, ContactConfig, ObjectConfig, Section
+from robustopt.config.words import choices, expected, fields, found, in_unit, purpose, unwrap
+from robustopt.errors import ConfigError
+
+_PLACEHOLDERS: dict[str, Any] = {
+    "name": "unnamed",
+    "robot": {"model": "unnamed"},
+    "tray": {"size": [1.0, 1.0, 1.0], "mass": 1.0},
+    "path": {},
+}
+"""Stand in for required sections that are wrong, so that the rest can be checked; never part of a result."""
+
+
+def validate(document: Document, folder: Path) -> Config:
+    """The configuration in a document, or ConfigError with all its mistakes in the order of the document."""
+    data = document.data
+    if not isinstance(data, dict):
+        what = "an empty file" if data is None else found(data)
+        message = f"found {what}; expected keys and values, such as `name: my-task`"
+        raise ConfigError([*document.problems, document.problem((), message)][:1])
+    data = _with_nominal_friction(data)
+    config, own = _attempt(data, folder)
+    usable, doubtful = (config, set[Key]()) if config is not None else _usable(data, own, folder)
+    related: dict[Key, str] = {}
+    if usable is not None:
+        names = tuple(data["objects"]) if isinstance(data.get("objects"), dict) else ()
+        for key, message in check(usable, names):
+            if not any(_depends(key, bad) for bad in doubtful):
+                related.setdefault(key, message)
+    wrong = sorted({**related, **own}.items(), key=lambda item: document.position(item[0]))
+    problems = document.problems + [document.problem(key, message) for key, message in wrong]
+    if problems or config is None:
+        raise ConfigError(problems)
+    return config
+
+
+def with_sections(config: Config, sections: dict[str, Any]) -> Config | None:
+    """A copy with some sections read from plain data; None where `validate` has to look at the whole."""
+    read: dict[str, Any] = {}
+    try:
+        for name, data in sections.items():
+            kind = Config.model_fields[name].annotation
+            if name == "objects":
+                read[name] = {
+                    key: ObjectConfig.model_validate(_frozen(item), strict=True) for key, item in data.items()
+                }
+            elif isinstance(kind, type) and issubclass(kind, Section):
+                read[name] = kind.model_validate(_frozen(data), strict=True)
+            else:
+                return None
+    except (ValidationError, KeyError):
+        return None
+    changed = config.model_copy(update=read)
+    return None if any(check(changed)) else changed
+
+
+def _model(data: dict[str, Any], folder: Path) -> Config:
+    return Config.model_validate({**_frozen(data), "folder": folder}, strict=True)
+
+
+def _frozen(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _frozen(inner) for key, inner in value.items()}
+    return tuple(_frozen(inner) for inner in value) if isinstance(value, list) else value
+
+
+def _attempt(data: dict[str, Any], folder: Path) -> tuple[Config | None, dict[Key, str]]:
+    """The configuration, or None and the mistakes that concern one key each, by key."""
+    wrong: dict[Key, str] = {("folder",): _unknown(Config, "folder")} if "folder" in data else {}
+    try:
+        config = _model(data, folder)
+        return (None if wrong else config), wrong
+    except ValidationError as error:
+        kinds = [(str(item["type"]), _place(item["loc"], data), item["loc"]) for item in error.errors()]
+        return None, wrong | dict(_message(kind, place, loc, data) for kind, place, loc in _deepest(kinds))
+
+
+def _with_nominal_friction(data: dict[str, Any]) -> dict[str, Any]:
+    """Where only an interval of friction is given, its middle is what the planner believes."""
+    uncertainty, contact = data.get("uncertainty"), data.get("contact") or {}
+    intervals = uncertainty.get("friction") if isinstance(uncertainty, dict) else None
+    if intervals is None or not isinstance(contact, dict) or contact.get("friction") is not None:
+        return data
+    by_name = intervals if isinstance(intervals, dict) else {"default": intervals}
+    try:
+        middle = {name: 0.5 * (low + high) for name, (low, high) in by_name.items()}
+    except (TypeError, ValueError):
+        return data
+    standard = ContactConfig().friction
+    friction = {"default": standard, **middle} if isinstance(intervals, dict) else middle["default"]
+    return {**data, "contact": {**contact, "friction": friction}}
+
+
+def _place(loc: Iterable[str | int], data: Any) -> Key:
+    """The part of a pydantic location that is in the data; the rest names alternatives of a union."""
+    key: Key = ()
+    for part in loc:
+        inside = part in data if isinstance(data, dict) else isinstance(data, list) and part in range(len(data))
+        if inside:
+            key, data = (*key, part), data[part]
+    return key
+
+
+def _deepest(kinds: list[tuple[str, Key, Any]]) -> list[tuple[str, Key, Any]]:
+    """Without what a union says about a whole value where another alternative says which part of it is wrong."""
+    places = [place for _, place, _ in kinds]
+    return [
+        (kind, place, loc)
+        for kind, place, loc in kinds
+        if _names_a_key(kind, loc) or not any(p != place and p[: len(place)] == place for p in places)
+    ]
+
+
+def _names_a_key(kind: str, loc: Any) -> bool:
+    return kind == "extra_forbidden" or (kind == "missing" and isinstance(loc[-1], str))
+
+
+def _message(kind: str, place: Key, loc: Any, data: Any) -> tuple[Key, str]:
+    if kind == "extra_forbidden":
+        model, _ = _type_at(place[:-1])
+        return place, _unknown(unwrap(choices(model)[0])[0], str(place[-1]))
+    if kind == "missing" and isinstance(loc[-1], str):
+        place = (*place, loc[-1])
+        return place, f"missing; {_right(place, None)}"
+    value = data
+    for part in place:
+        value = value[part]
+    return place, f"found {found(value)}; {_right(place, value)}"
+
+
+def _right(key: Key, value: Any) -> str:
+    """What would be right at a key: `expected a number above 0 in metres (radius of a cylinder)`."""
+    annotation, info = _type_at(key)
+    if info is None:
+        return f"expected {expected(annotation)}"
+    words = expected(annotation, info.metadata if key[-1] in _names(key) else ())
+    number = words.startswith("a number")
+    if number and isinstance(value, str):
+        words = words.replace("a number", "a plain number", 1)
+    unit = in_unit(info) if "number" in words else ""
+    return f"expected {words}{unit} ({purpose(info)})"
+
+
+def _names(key: Key) -> tuple[str, ...]:
+    """Names of the fields of the section that a key is in."""
+    parent, _ = _type_at(key[:-1])
+    base = unwrap(choices(parent)[0])[0]
+    return tuple(fields(base)) if isinstance(base, type) and issubclass(base, Section) else ()
+
+
+def _type_at(key: Key) -> tuple[Any, FieldInfo | None]:
+    """Type of the value at a key, and the field that it belongs to."""
+    annotation: Any = Config
+    info: FieldInfo | None = None
+    for part in key:
+        for option in choices(annotation):
+            base, _ = unwrap(option)
+            arguments = getattr(base, "__args__", ())
+            if isinstance(base, type) and issubclass(base, Section) and isinstance(part, str):
+                annotation, info = fields(base)[part], base.model_fields[part]
+                break
+            if arguments and isinstance(part, str) is (base.__origin__ is dict):
+                annotation = arguments[1] if base.__origin__ is dict else arguments[0]
+                break
+    return annotation, info
+
+
+def _unknown(model: type[Section], name: str) -> str:
+    valid = list(fields(model))
+    near = difflib.get_close_matches(name, valid, n=1)
+    hint = f"did you mean {near[0]}? " if near else ""
+    return f"unknown key; {hint}expected one of {', '.join(valid)}"
+
+
+def _depends(key: Key, bad: Key) -> bool:
+    return key[: len(bad)] == bad or bad[: len(key)] == key
+
+
+def _usable(data: dict[str, Any], own: dict[Key, str], folder: Path) -> tuple[Config | None, set[Key]]:
+    """A configuration without the parts that are wrong, to check the rest, and the keys that were left out."""
+    left, doubtful, wrong = deepcopy(data), set[Key](), own
+    for _ in range(20):
+        doubtful |= {_written(left, key) for key, message in wrong.items() if not message.startswith("unknown key")}
+        for key in sorted({_written(left, key) for key in wrong}, key=len, reverse=True):
+            _remove(left, key)
+        config, wrong = _attempt(left, folder)
+        if config is not None:
+            return config, doubtful
+    return None, doubtful
+
+
+def _written(data: dict[str, Any], key: Key) -> Key:
+    """The value at a key, or the list around it, or the section that misses it; a top-level key in any case."""
+    written: Key = key[:1]
+    container: Any = data
+    for i, part in enumerate(key):
+        if isinstance(part, int) or not isinstance(container, dict) or part not in container:
+            break
+        written, container = key[: i + 1], container[part]
+    return written
+
+
+def _remove(data: dict[str, Any], key: Key) -> None:
+    """Take out the value at a key; a placeholder takes the place of what a configuration cannot do without."""
+    container: Any = data
+    for part in key[:-1]:
+        container = container[part]
+    container.pop(key[-1], None)
+    if len(key) == 1 and key[0] in _PLACEHOLDERS:
+        data[str(key[0])] = deepcopy(_PLACEHOLDERS[str(key[0])])

@@ -1,0 +1,142 @@
+"""What the keys of the configuration expect, in words: for error messages and the reference page."""
+
+from __future__ import annotations
+
+import re
+import types
+from collections.abc import Iterator, Sequence
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+
+from annotated_types import Ge, Gt, Le
+from pydantic.fields import FieldInfo
+from pydantic_core import PydanticUndefined
+
+from robustopt.config.model import Section
+
+_UNITS = {"m": "metres", "rad": "radians", "kg": "kilograms", "s": "seconds", "N": "newtons"}
+_COUNTS = {2: "two", 3: "three", 4: "four", 6: "six"}
+
+
+def fields(model: type[Section]) -> dict[str, Any]:
+    """Keys of a section that a configuration may give, with their annotated types."""
+    hints = get_type_hints(model, include_extras=True)
+    return {name: hints[name] for name, info in model.model_fields.items() if not info.exclude}
+
+
+def unwrap(annotation: Any) -> tuple[Any, tuple[Any, ...]]:
+    """A type without `Annotated`, and the constraints that were on it."""
+    if get_origin(annotation) is Annotated:
+        inner, *notes = get_args(annotation)
+        base, more = unwrap(inner)
+        return base, (*more, *_constraints(notes))
+    return annotation, ()
+
+
+def _constraints(notes: Sequence[Any]) -> Iterator[Any]:
+    for note in notes:
+        yield from note.metadata if isinstance(note, FieldInfo) else (note,)
+
+
+def choices(annotation: Any) -> tuple[Any, ...]:
+    """The alternatives of a union, without null; the type itself where it is none."""
+    base, notes = unwrap(annotation)
+    if get_origin(base) in (Union, types.UnionType):
+        return tuple(choice for choice in get_args(base) if choice is not type(None))
+    return (Annotated[base, *notes],) if notes else (base,)
+
+
+def expected(annotation: Any, constraints: Sequence[Any] = ()) -> str:
+    """A type in words: `a number above 0 or a mapping of names to numbers above 0`."""
+    options = choices(annotation)
+    return ", or ".join(_one(option, constraints if len(options) == 1 else ()) for option in options)
+
+
+def _one(annotation: Any, constraints: Sequence[Any]) -> str:
+    head, tail = _noun(annotation, constraints)
+    article = "" if head in ("text", "true or false") or head.startswith("one of") else "a "
+    return f"{article}{head}{tail}"
+
+
+def _several(annotation: Any) -> str:
+    head, tail = _noun(choices(annotation)[0], ())
+    return f"{head}s{tail}"
+
+
+def _noun(annotation: Any, constraints: Sequence[Any]) -> tuple[str, str]:
+    """Noun of a type and what follows it, so that the noun can be put into the plural."""
+    base, notes = unwrap(annotation)
+    origin, arguments = get_origin(base), get_args(base)
+    if origin is Literal:
+        return "one of " + ", ".join(arguments), ""
+    if origin is tuple:
+        if arguments[-1] is Ellipsis:
+            return "list", f" of {_several(arguments[0])}"
+        return "list", f" of {_COUNTS[len(arguments)]} {_several(arguments[0])}"
+    if origin is dict:
+        return "mapping", f" of names to {_several(arguments[1])}"
+    if base is bool:
+        return "true or false", ""
+    if base in (int, float):
+        return "whole number" if base is int else "number", _bounds((*notes, *constraints))
+    if isinstance(base, type) and issubclass(base, Section):
+        return "section", f" with the keys {', '.join(fields(base))}"
+    return "text", ""
+
+
+def _bounds(notes: Sequence[Any]) -> str:
+    low = next((note.ge for note in notes if isinstance(note, Ge)), None)
+    high = next((note.le for note in notes if isinstance(note, Le)), None)
+    if low is not None and high is not None:
+        return f" from {_number(low)} to {_number(high)}"
+    above = next((note.gt for note in notes if isinstance(note, Gt)), None)
+    if low is not None:
+        return f" of at least {_number(low)}"
+    return f" above {_number(above)}" if above is not None else ""
+
+
+def _number(value: Any) -> str:
+    return str(int(value)) if value == int(value) else f"{value:g}"
+
+
+def meaning(info: FieldInfo) -> str:
+    """Description of a field without its unit."""
+    return re.sub(r"\s*\[[^\[\]]*\]$", "", info.description or "")
+
+
+def purpose(info: FieldInfo) -> str:
+    """First clause of the description of a field."""
+    return meaning(info).split(";")[0]
+
+
+def unit(info: FieldInfo) -> str:
+    """Unit of a field, from the brackets at the end of its description."""
+    found = re.search(r"\[([^\[\]]*)\]$", info.description or "")
+    return found[1] if found and "," not in found[1] else ""
+
+
+def in_unit(info: FieldInfo) -> str:
+    """` in metres`, or nothing for a field without a unit."""
+    symbol = unit(info)
+    return f" in {_UNITS.get(symbol, symbol)}" if symbol else ""
+
+
+def default(info: FieldInfo) -> Any:
+    """Default of a field, or None where it must be given."""
+    return None if info.default is PydanticUndefined else info.default
+
+
+def found(value: Any) -> str:
+    """A value as it was found, short enough for one line."""
+    if value is None:
+        return "nothing"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, dict):
+        return f"a section with the keys {_short(', '.join(map(str, value)))}" if value else "an empty section"
+    if isinstance(value, (list, tuple)):
+        return f"the list {_short(str(list(value)))}" if value else "an empty list"
+    return f"the text {_short(repr(value))}" if isinstance(value, str) else _short(str(value))
+
+
+def _short(text: str, most: int = 60) -> str:
+    return text if len(text) <= most else f"{text[: most - 3]}..."

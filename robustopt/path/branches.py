@@ -1,0 +1,214 @@
+"""From a tray path to joint paths: branches of the inverse kinematics, followed, ranked and fitted by splines.
+
+A branch starts at one solution of the first pose and follows it by continuation. Among the branches that stay within
+the joint limits the best has the arm high ("elbow up") and far from its limits (our choice).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import BSpline, make_interp_spline
+from scipy.spatial.transform import Rotation
+
+from robustopt.config import PathTolerance
+from robustopt.path.inverse_kinematics import solve_from_everywhere, solve_pose
+from robustopt.path.tray_path import TrayPath
+from robustopt.robot import Robot
+
+SPACING = 0.04
+"""Distance of the poses along which branches are followed [m of sigma]."""
+FEWEST_SAMPLES = 12
+"""Fewest intervals of a piece, however short."""
+LONGEST_STEP = 0.35
+"""Longest joint step between poses that counts as following a branch [rad or m]; longer ones are halved."""
+FASTEST = 70.0
+"""Fastest change of a joint with sigma that counts as following a branch [rad/m]: where it is faster, a joint at
+7 rad/s would let the tray creep at 0.1 m/s, at a singularity or in a jump to another branch."""
+MOST_SAMPLES = 4096
+"""Most samples of one piece: a path that needs more passes next to a singularity."""
+SPLINE_DEGREE = 5
+"""Degree of the splines through the samples, so that their second derivatives are smooth."""
+NEAR = 0.05
+"""Farthest that a solution may lie from the spline that foretells it [rad or m], to be on the same branch for sure."""
+SHORTEST_STEP = 0.0005
+"""Steps are halved down to this length before the branch counts as ended [m of sigma]."""
+LIMIT_TOLERANCE = 1e-6
+"""How far a joint may be beyond its limit [rad or m]: a pose on the limit is allowed."""
+MOST_BRANCHES = 16
+"""Most branches that are followed: all of an arm of six joints."""
+CLEARANCE_WEIGHT = 0.2
+"""Height of the arm's centre of mass that outweighs being at a joint limit instead of mid-range [m]."""
+FOLLOWING_ITERATIONS = 8
+"""Iterations from one pose to the next: from so near, convergence is quadratic or not to be had."""
+RETURN = 0.02
+"""Share by which a redundant arm drifts back to its first posture at every sample, so that it does not wander."""
+
+
+class BranchLostError(Exception):
+    """The joint path cannot be had at `sigma` [m], for a `reason` in words."""
+
+    def __init__(self, sigma: float, reason: str) -> None:
+        super().__init__(reason)
+        self.sigma = sigma
+        self.reason = reason
+
+
+@dataclass(frozen=True)
+class Branch:
+    """A joint path at the samples `sigma` (S,) [m]: `q` (S, n), as far as it could be followed.
+
+    `ended_at`: sigma at which it could not be followed further, None if it is complete. `violation`: how far it leaves
+    the joint limits at worst [rad or m], negative inside. `score`: larger is better.
+    """
+
+    sigma: np.ndarray
+    q: np.ndarray
+    ended_at: float | None
+    violation: float
+    score: float
+
+    @property
+    def usable(self) -> bool:
+        """Whether it is complete and within the joint limits."""
+        return self.ended_at is None and self.violation <= LIMIT_TOLERANCE
+
+
+def samples(path: TrayPath) -> np.ndarray:
+    """Sigma of the poses along which branches are followed, equally spaced within each piece."""
+    pieces = [
+        np.linspace(start, end, int(np.clip(np.ceil((end - start) / SPACING), FEWEST_SAMPLES, MOST_SAMPLES)) + 1)
+        for start, end in zip(path.breaks[:-1], path.breaks[1:], strict=True)
+    ]
+    return np.unique(np.concatenate(pieces))
+
+
+def follow_branches(robot: Robot, path: TrayPath, start: np.ndarray | None) -> list[Branch]:
+    """Branches of the inverse kinematics along the path, best first; the one near `start` (n,) only, if that is given.
+
+    Those that leave the joint limits already at the first pose are followed only if all do; of a redundant arm, which
+    has endlessly many, the `MOST_BRANCHES` furthest inside. The list is empty if the first pose was not solved.
+    """
+    position, rotation = (value[0] for value in path.pose(np.zeros(1)))
+    if start is not None:
+        solutions = [solve_pose(robot, position, rotation, start)]
+    else:
+        solutions = solve_from_everywhere(robot, position, rotation)
+    starts = [_turned_into_limits(robot, solution.q[None])[0] for solution in solutions if solution.converged]
+    starts.sort(key=lambda q: _limit_distances(robot, q[None])[0])
+    inside = [q for q in starts if _limit_distances(robot, q[None])[0] <= LIMIT_TOLERANCE]
+    sigma = samples(path)
+    branches = [follow_branch(robot, path, sigma, q) for q in (inside or starts)[:MOST_BRANCHES]]
+    return sorted(branches, key=lambda branch: (branch.usable, len(branch.q), branch.score), reverse=True)
+
+
+def follow_branch(robot: Robot, path: TrayPath, sigma: np.ndarray, start: np.ndarray) -> Branch:
+    """The branch through `start` (n,) at the first sample, followed over `sigma` (S,)."""
+    positions, rotations = path.pose(sigma)
+    q = [np.asarray(start, dtype=float)]
+    ended_at = None
+    for i in range(1, len(sigma)):
+        guess = q[-1] if i == 1 else 2 * q[-1] - q[-2]
+        if robot.n > 6:
+            guess = guess + RETURN * (q[0] - guess)
+        solution = solve_pose(robot, positions[i], rotations[i], guess, iterations=FOLLOWING_ITERATIONS)
+        if solution.converged and np.abs(solution.q - q[-1]).max() < LONGEST_STEP:
+            q.append(solution.q)
+            continue
+        reached, ended_at = _follow_in_small_steps(robot, path, q[-1], float(sigma[i - 1]), float(sigma[i]))
+        if ended_at is not None:
+            break
+        q.append(reached)
+    followed = _turned_into_limits(robot, np.array(q))
+    violation, clearance = _limit_distances(robot, followed)
+    height = float(np.mean(robot.center_of_mass(followed) @ robot.up))
+    return Branch(sigma, followed, ended_at, violation, height + CLEARANCE_WEIGHT * clearance)
+
+
+def fit_branch(robot: Robot, path: TrayPath, branch: Branch, tolerance: PathTolerance) -> list[BSpline]:
+    """Splines q(s), s = sigma / length, one for each piece of the path, that follow the tray path within `tolerance`.
+
+    Raises BranchLostError where that takes more than `MOST_SAMPLES`, or the inverse kinematics leaves the branch.
+    """
+    pieces = []
+    for start, end in zip(path.breaks[:-1], path.breaks[1:], strict=True):
+        inside = (branch.sigma >= start) & (branch.sigma <= end)
+        sigma, q = branch.sigma[inside], branch.q[inside]
+        while True:
+            spline = make_interp_spline(sigma / path.length, q, k=SPLINE_DEGREE)
+            between = (sigma[1:] + sigma[:-1]) / 2
+            guess = spline(between / path.length)
+            distance, angle = _deviation(robot, path, between, guess)
+            if max(distance.max() / tolerance.position, angle.max() / tolerance.angle) < 1:
+                break
+            if len(sigma) > MOST_SAMPLES:
+                worst = float(between[np.argmax(distance / tolerance.position + angle / tolerance.angle)])
+                raise BranchLostError(worst, f"{MOST_SAMPLES} samples do not reach path.tolerance, near a singularity")
+            q = _interleave(q, _between(robot, path, sigma, q, guess))
+            sigma = _interleave(sigma, between)
+        pieces.append(spline)
+    return pieces
+
+
+def _deviation(robot: Robot, path: TrayPath, sigma: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Distance [m] and angle [rad] (P,) of the tray at `q` (P, n) from the tray path."""
+    position, rotation = robot.tray_pose(q)
+    wanted_position, wanted_rotation = path.pose(sigma)
+    difference = Rotation.from_matrix(wanted_rotation.transpose(0, 2, 1) @ rotation)
+    return np.linalg.norm(position - wanted_position, axis=1), np.asarray(difference.magnitude())
+
+
+def _between(robot: Robot, path: TrayPath, sigma: np.ndarray, q: np.ndarray, guess: np.ndarray) -> np.ndarray:
+    """Solutions halfway between the samples `sigma` (S,), next to the `guess` (S-1, n) or followed from `q` (S, n)."""
+    middle = (sigma[1:] + sigma[:-1]) / 2
+    solutions = np.empty_like(guess)
+    for i, (position, rotation) in enumerate(zip(*path.pose(middle), strict=True)):
+        solution = solve_pose(robot, position, rotation, guess[i], iterations=FOLLOWING_ITERATIONS)
+        solutions[i] = solution.q
+        if not solution.converged or np.abs(solution.q - guess[i]).max() > NEAR:
+            solutions[i], lost_at = _follow_in_small_steps(robot, path, q[i], float(sigma[i]), float(middle[i]))
+            if lost_at is not None:
+                raise BranchLostError(lost_at, "the arm would have to jump, near a singularity")
+    return solutions
+
+
+def _interleave(outer: np.ndarray, inner: np.ndarray) -> np.ndarray:
+    both = np.empty((len(outer) + len(inner), *outer.shape[1:]))
+    both[0::2], both[1::2] = outer, inner
+    return both
+
+
+def _follow_in_small_steps(
+    robot: Robot, path: TrayPath, q: np.ndarray, sigma: float, target: float
+) -> tuple[np.ndarray, float | None]:
+    """Follow the branch from `sigma` to `target`, halving steps as needed; where it ended, or None."""
+    step = (target - sigma) / 2
+    while target - sigma > 1e-12:
+        step = min(step, target - sigma)
+        position, rotation = (value[0] for value in path.pose(np.array([sigma + step])))
+        solution = solve_pose(robot, position, rotation, q, iterations=FOLLOWING_ITERATIONS)
+        if solution.converged and np.abs(solution.q - q).max() < min(LONGEST_STEP, FASTEST * step):
+            q, sigma = solution.q, sigma + step
+        elif step > SHORTEST_STEP:
+            step /= 2
+        else:
+            return q, sigma
+    return q, None
+
+
+def _turned_into_limits(robot: Robot, q: np.ndarray) -> np.ndarray:
+    """The same motion with every hinge turned by full turns to where its range fits its limits best."""
+    limited = robot.hinges & np.isfinite(robot.limits.lower) & np.isfinite(robot.limits.upper)
+    middle = (np.where(limited, robot.limits.lower, 0.0) + np.where(limited, robot.limits.upper, 0.0)) / 2
+    turns = np.round((middle - (q.min(axis=0) + q.max(axis=0)) / 2) / (2 * np.pi))
+    return q + np.where(robot.hinges, 2 * np.pi * turns, 0.0)
+
+
+def _limit_distances(robot: Robot, q: np.ndarray) -> tuple[float, float]:
+    """How far `q` (S, n) leaves the joint limits at worst, and the smallest distance from one in half joint ranges."""
+    distance = np.minimum(q - robot.limits.lower, robot.limits.upper - q).min(axis=0)
+    half_range = (robot.limits.upper - robot.limits.lower) / 2
+    limited = np.isfinite(half_range)
+    share = np.where(limited, distance / np.where(limited, half_range, 1.0), 1.0)
+    return float(-distance.min()), float(share.min())

@@ -1,0 +1,91 @@
+"""Why a tray path cannot be followed: poses out of reach, joint limits, singularities, each in a sentence."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from robustopt.config import Config
+from robustopt.errors import ConfigProblem, PathError
+from robustopt.path.branches import Branch
+from robustopt.path.inverse_kinematics import Solution, solve_from_everywhere
+from robustopt.path.tray_path import TrayPath
+from robustopt.robot import Robot
+
+KEY = "path.tray_poses"
+WAYS_OUT = "move the poses, put one between them, mount the tray otherwise, or give another path.start"
+
+
+def start_position(config: Config, robot: Robot) -> np.ndarray | None:
+    """`path.start` as an array (n,), or None; raises PathError if it has not one value for each joint."""
+    start = config.path.start
+    if start is None or not isinstance(start, tuple):
+        return None
+    if len(start) != robot.n:
+        raise PathError(
+            f"has {len(start)} values; the robot has {robot.n} joints: {', '.join(robot.joint_names)}", key="path.start"
+        )
+    return np.array(start)
+
+
+def limit_sentence(robot: Robot, q: np.ndarray) -> str:
+    """Which joint at `q` (n,) is furthest beyond its limit, and by how much."""
+    beyond = np.maximum(robot.limits.lower - q, q - robot.limits.upper)
+    joint = int(np.argmax(beyond))
+    limit = robot.limits.upper[joint] if q[joint] > robot.limits.upper[joint] else robot.limits.lower[joint]
+    unit = "rad" if robot.hinges[joint] else "m"
+    return f"{robot.joint_names[joint]} would be at {q[joint]:.3f} {unit}, beyond its limit of {limit:.3f} {unit}"
+
+
+def branch_problems(
+    robot: Robot, path: TrayPath, branches: list[Branch], start: np.ndarray | None
+) -> list[ConfigProblem]:
+    """Why none of the `branches` along the path is usable."""
+    unreachable = _unreachable_poses(robot, path)
+    if unreachable:
+        return unreachable
+    if not branches:
+        return [
+            ConfigProblem("path.start", "the first tray pose cannot be reached from there; leave it out, or move it")
+        ]
+    complete = [branch for branch in branches if branch.ended_at is None]
+    if complete:
+        return [_limit_problem(robot, path, min(complete, key=lambda branch: branch.violation))]
+    return [_end_problem(robot, path, max(branches, key=lambda branch: branch.ended_at or 0.0))]
+
+
+def _unreachable_poses(robot: Robot, path: TrayPath) -> list[ConfigProblem]:
+    problems = []
+    for i, (position, rotation) in enumerate(zip(path.position, path.rotation, strict=True)):
+        nearest = solve_from_everywhere(robot, position, rotation)[0]
+        if not nearest.converged:
+            problems.append(
+                ConfigProblem(
+                    f"{KEY}[{i}]", f"is out of reach: {_miss(nearest)}; move it, the base or the tray's mounting"
+                )
+            )
+    return problems
+
+
+def _limit_problem(robot: Robot, path: TrayPath, branch: Branch) -> ConfigProblem:
+    beyond = np.maximum(robot.limits.lower - branch.q, branch.q - robot.limits.upper).max(axis=1)
+    worst = int(np.argmax(beyond))
+    return ConfigProblem(
+        KEY, f"{path.label(branch.sigma[worst])}: {limit_sentence(robot, branch.q[worst])}; {WAYS_OUT}"
+    )
+
+
+def _end_problem(robot: Robot, path: TrayPath, branch: Branch) -> ConfigProblem:
+    assert branch.ended_at is not None
+    index = int(np.searchsorted(branch.sigma, branch.ended_at, side="right"))
+    following = branch.sigma[min(index, len(branch.sigma) - 1)]
+    position, rotation = (value[0] for value in path.pose(np.array([following])))
+    nearest = solve_from_everywhere(robot, position, rotation)[0]
+    if nearest.converged:
+        reason = "the arm meets a singularity and could go on only with a jump"
+    else:
+        reason = f"the arm gets out of reach: {_miss(nearest)}"
+    return ConfigProblem(KEY, f"{path.label(branch.ended_at)}: {reason}; {WAYS_OUT}")
+
+
+def _miss(nearest: Solution) -> str:
+    return f"the nearest the tray comes is {1000 * nearest.distance:.0f} mm and {nearest.angle:.2f} rad away"

@@ -1,0 +1,357 @@
+"""Row families: what each limit demands of (u, x) at every grid point, with all uncertain parameters still open.
+
+Joint acceleration is affine in (u, x). Contact and joint torque are families over the wrenches of the bodies, which
+the polygons cut with (see `polygons`). Joint torque has a viscous part D q' sqrt(x), which is replaced by its tangent
+at a reference x_r, D q' (sqrt(x_r) / 2 + x / (2 sqrt(x_r))). Where friction hurts, the tangent is an upper bound of a
+concave function, hence sound; where it helps, it is not, so a plan counts as solved only once its exact torque has
+been checked. Both are exact at x_r, and the reference follows the plan until they agree. Without a reference the
+chord over [0, x_top] stands in: a first guess, which is final where no torque row binds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numba as nb
+import numpy as np
+
+from robustopt.contact import ContactSystem
+from robustopt.problem import polygons
+from robustopt.problem.polygons import Family, Loads, Polygons
+from robustopt.problem.uncertainty import Body, regressor, spin_regressor
+from robustopt.robot import ArmDynamics, JointLimits
+
+Array = np.ndarray
+
+DIRECTION_TOLERANCE = 1e-9
+"""A joint slower than this part of the fastest joint's rate counts as at rest: dry friction takes both signs."""
+
+
+SLOWEST_REFERENCE = 1e-12
+"""Smallest x, as a part of what joint velocity allows, about which viscous torque is linearised: the tangent of a root
+is ever steeper towards 0, and here its error is below a millionth of the viscous torque at full speed."""
+
+
+@dataclass(frozen=True)
+class PathMotion:
+    """Motion of arm and tray along the path at P grid points, per u, x and joint acceleration error.
+
+    q1, q2: q', q'' (P, n); arm: dynamics of the arm alone; regressors: wrench per inertial parameter, tray frame about
+    the tray's origin, (P, 3 + n, 6, 10), second index u, x, 1 and the acceleration error of each joint
+    """
+
+    q1: Array
+    q2: Array
+    arm: ArmDynamics
+    regressors: Array
+
+
+def path_motion(q1: Array, q2: Array, arm: ArmDynamics) -> PathMotion:
+    points, joints = q1.shape
+    J = arm.jacobian
+    linear, angular = np.zeros((points, 3 + joints, 3)), np.zeros((points, 3 + joints, 3))
+    per_u = np.einsum("pij,pj->pi", J, q1)
+    per_x = np.einsum("pij,pj->pi", J, q2) + arm.bias
+    linear[:, 0], linear[:, 1], linear[:, 2] = per_u[:, :3], per_x[:, :3], -arm.gravity
+    angular[:, 0], angular[:, 1] = per_u[:, 3:], per_x[:, 3:]
+    linear[:, 3:], angular[:, 3:] = np.swapaxes(J[:, :3], 1, 2), np.swapaxes(J[:, 3:], 1, 2)
+    regressors = regressor(linear, angular)
+    regressors[:, 1] += spin_regressor(per_u[:, 3:])
+    return PathMotion(q1, q2, arm, regressors)
+
+
+def body_loads(
+    motion: PathMotion, loads: Sequence[Sequence[Body]], about: Sequence[Array], middle: Array, radius: Array
+) -> Loads:
+    """Loads of stacked objects, each of which carries the bodies listed for it.
+
+    about: the point that the moments of each object are about, (3,); at centres of mass the remainders are
+    small; middle, radius: of the joint acceleration error (n,) [rad/s^2]
+    """
+    points, d = len(motion.regressors), 6 * len(loads)
+    listed = {body.name: body for row in loads for body in row}
+    certain = [body for body in listed.values() if body.mass[0] == body.mass[1]]
+    uncertain = [body for body in listed.values() if body.mass[0] < body.mass[1]]
+    groups = [[(body, body.mass[0]) for body in certain]] + [[(body, 1.0)] for body in uncertain]
+    erring = np.flatnonzero(radius)
+    parts = [_parts(body, mass, g) for g, members in enumerate(groups) for body, mass in members]
+    parameters = np.vstack([np.zeros((0, 10)), *(part[0] for part in parts)])
+    group, kind = (np.concatenate([np.zeros(0, np.int64), *(part[k] for part in parts)]) for k in (1, 2))
+    carried = [[body in row for row in loads] for members in groups for body, _ in members]
+    lengths = [len(part[1]) for part in parts]
+    carries = np.repeat(np.array(carried, dtype=bool).reshape(-1, len(loads)), lengths, axis=0)
+    spread = len(erring) > 0 and bool((kind > 0).any())
+    remainder_group = np.r_[group[kind == 2], np.unique(group[kind > 0])] if spread else group[kind == 2]
+    result = Loads(
+        nominal=np.zeros((points, d, len(groups), 3)),
+        terms=np.zeros((points, d, int((kind == 1).sum()), 3)),
+        group=group[kind == 1],
+        constant=np.zeros((points, d, len(groups) * len(erring))),
+        constant_group=np.repeat(np.arange(len(groups)), len(erring)),
+        remainder=np.zeros((points, d, len(remainder_group), 3)),
+        remainder_group=remainder_group,
+        lowest=np.array([1.0] + [body.mass[0] for body in uncertain]),
+        highest=np.array([1.0] + [body.mass[1] for body in uncertain]),
+    )
+    places = np.array(about, dtype=float).reshape(-1, 3)
+    _fill(result, motion.regressors, parameters, group, kind, carries, places, middle, radius, erring)
+    return result
+
+
+def _parts(body: Body, mass: float, group: int) -> tuple[Array, Array, Array]:
+    """Sets of inertial parameters of a body (K, 10), its group (K,), and what each set is: 0 the body itself, 1 an
+    interval term, 2 a remainder."""
+    steps = body.linear[np.any(body.linear != 0, axis=1)]
+    squares = body.remainder[np.any(body.remainder != 0, axis=1)]
+    parameters = mass * np.vstack([body.psi, steps, squares])
+    kind = np.repeat(np.arange(3), [1, len(steps), len(squares)])
+    return parameters, np.full(len(kind), group), kind
+
+
+@nb.njit(cache=True, nogil=True)
+def _fill(loads, regressors, parameters, group, kind, carries, about, middle, radius, erring):
+    """Fill loads (see `body_loads`) with the wrenches of K sets of inertial parameters (K, 10), grid point by point.
+
+    carries: which objects carry each set, (K, objects); about: points of the objects' moments (objects, 3)
+    """
+    nominal, terms, constant, remainder = loads.nominal, loads.terms, loads.constant, loads.remainder
+    points, columns = regressors.shape[0], regressors.shape[1]
+    shifted = middle.any()
+    used = columns if shifted or len(erring) else 3
+    origin, w = np.zeros((columns, 6)), np.zeros((columns, 6))
+    spread = remainder.shape[2] > (kind == 2).sum()
+    spread_slot, last = np.zeros(len(loads.lowest), np.int64), (kind == 2).sum()
+    for g in range(len(loads.lowest)):
+        spread_slot[g] = last
+        for k in range(len(kind)):
+            if group[k] == g and kind[k] > 0:
+                last += 1
+                break
+    for i in range(points):
+        term, rest = 0, 0
+        for k in range(len(kind)):
+            origin[:] = 0.0
+            for m in range(10):
+                if parameters[k, m] != 0.0:
+                    for c in range(used):
+                        for r in range(6):
+                            origin[c, r] += regressors[i, c, r, m] * parameters[k, m]
+            for block in range(carries.shape[1]):
+                if not carries[k, block]:
+                    continue
+                _move(origin, about, block, used, w)
+                if shifted:
+                    for e in range(len(middle)):
+                        for r in range(6):
+                            w[2, r] += middle[e] * w[3 + e, r]
+                for r in range(6):
+                    row = 6 * block + r
+                    for c in range(3):
+                        if kind[k] == 0:
+                            nominal[i, row, group[k], c] += w[c, r]
+                        elif kind[k] == 1:
+                            terms[i, row, term, c] = w[c, r]
+                        else:
+                            remainder[i, row, rest, c] = w[c, r]
+                    for n in range(len(erring)):
+                        part = w[3 + erring[n], r] * radius[erring[n]]
+                        if kind[k] == 0:
+                            constant[i, row, group[k] * len(erring) + n] += part
+                        elif spread:
+                            remainder[i, row, spread_slot[group[k]], 2] += abs(part)
+            term, rest = term + (kind[k] == 1), rest + (kind[k] == 2)
+
+
+@nb.njit(cache=True, nogil=True)
+def _move(wrenches, about, block, count, out):
+    """The first wrenches about the origin (n, 6) as wrenches about the point of a block."""
+    x, y, z = about[block, 0], about[block, 1], about[block, 2]
+    for c in range(count):
+        fx, fy, fz = wrenches[c, 0], wrenches[c, 1], wrenches[c, 2]
+        out[c, 0], out[c, 1], out[c, 2] = fx, fy, fz
+        out[c, 3] = wrenches[c, 3] - (y * fz - z * fy)
+        out[c, 4] = wrenches[c, 4] - (z * fx - x * fz)
+        out[c, 5] = wrenches[c, 5] - (x * fy - y * fx)
+
+
+@dataclass(frozen=True)
+class ContactFamily:
+    """A contact system and its loads along the path.
+
+    weight: what the facets of the system are divided by, the weight that it carries in all [N]
+    first, last: grid points at which the contact exists, both included; to the end of the grid if `last` is negative
+    """
+
+    system: ContactSystem
+    loads: Loads
+    weight: float
+    first: int = 0
+    last: int = -1
+
+    def holds_at(self, points: Array) -> Array:
+        """Which of the grid points (M,) the contact exists at, (M,)."""
+        return (points >= self.first) & ((points <= self.last) | (self.last < 0))
+
+    def wrench(self, points: Array, u: Array, x: Array) -> Array:
+        """Required wrenches with every parameter at the middle of its interval, stacked, (M, d) [N, N m].
+
+        points: (M,) grid point of each; u, x: (M,)
+        """
+        coefficients = self.loads.middle()[points]
+        return coefficients[:, :, 0] * u[:, None] + coefficients[:, :, 1] * x[:, None] + coefficients[:, :, 2]
+
+
+@dataclass(frozen=True)
+class TorqueFamily:
+    """Joint torque, rows divided by their limits: first +tau_j, then -tau_j.
+
+    B: rows over the payload's wrench (P, 2n, 6); base: arm, dry friction and limit (P, 2n, 3); base_terms: acceleration
+    error of the arm's own inertia (P, 2n, n_c); viscous: coefficient of sqrt(x) (P, 2n)
+    """
+
+    B: Array
+    loads: Loads
+    base: Array
+    base_terms: Array
+    viscous: Array
+
+    def carrying(self, payload: Loads) -> TorqueFamily:
+        """The same limits with another payload whose intervals are as many."""
+        return replace(self, loads=payload)
+
+    def family(self, reference: Array, x_top: Array, used: Array, names: Array) -> Family:
+        """The rows that are used, (2n,), with the viscous part linearised about a reference (P,), and their names."""
+        B, base, base_terms = self.B, self.base_at(reference, x_top), self.base_terms
+        if not used.all():
+            B, base, base_terms = (np.ascontiguousarray(part[:, used]) for part in (B, base, base_terms))
+        return Family(B, self.loads, base, base_terms, names[used])
+
+    def cut(self, outline: Polygons, reference: Array, x_top: Array, used: Array, names: Array) -> Polygons:
+        """Polygons cut with the rows that are used, (2n,), each of the names (2n,)."""
+        return polygons.cut(outline, self.family(reference, x_top, used, names))
+
+    def base_at(self, reference: Array, x_top: Array) -> Array:
+        """Affine base rows with the viscous part linearised, (P, 2n, 3); reference (P,), nan for none."""
+        base = self.base.copy()
+        if np.isnan(reference).all():
+            base[:, :, 1] += self.viscous / np.sqrt(x_top)[:, None]
+            return base
+        slowest = np.maximum(reference, SLOWEST_REFERENCE * x_top)
+        root = np.sqrt(np.where(reference > 0, slowest, np.nan))[:, None]
+        tangent, chord = np.isfinite(root), np.isnan(reference)[:, None]
+        base[:, :, 1] += np.where(
+            tangent, self.viscous / (2 * root), np.where(chord, self.viscous / np.sqrt(x_top)[:, None], 0.0)
+        )
+        base[:, :, 2] += np.where(tangent, self.viscous * root / 2, 0.0)
+        return base
+
+    def nominal(self, joint: int) -> tuple[Array, Array]:
+        """Torque of a joint as a fraction of its limit: coefficients of (u, x, 1), (P, 3), and of sqrt(x), (P,).
+
+        The mean of a joint's two rows drops the limit and keeps what changes its sign with the torque.
+        """
+        n = self.B.shape[1] // 2
+        rows = np.einsum("pfd,pdk->pfk", self.B, self.loads.middle()) + self.base
+        return 0.5 * (rows[:, joint] - rows[:, n + joint]), self.viscous[:, joint]
+
+    def excess(self, u: Array, x: Array, points: Array) -> Array:
+        """Largest torque over all uncertain parameters, as a fraction of the limit, minus 1; exact viscous part.
+
+        u, x: (M,); points: (M,) grid point of each; returns (M, 2n)
+        """
+        family = Family(self.B, self.loads, self.base, self.base_terms, np.arange(self.B.shape[1]))
+        return polygons.evaluate(family, points, u, x) + self.viscous[points] * np.sqrt(np.maximum(x, 0.0))[:, None]
+
+
+def both(array: Array) -> Array:
+    """The values of all joints (P, n, ...) for the rows of +tau, then for those of -tau, (P, 2n, ...)."""
+    return np.concatenate([array, array], axis=1)
+
+
+def torque_family(motion: PathMotion, limits: JointLimits, loads: Loads, middle: Array, radius: Array) -> TorqueFamily:
+    points, joints = motion.q1.shape
+    arm, limit = motion.arm, np.r_[limits.torque, limits.torque]
+    sign = np.r_[np.ones(joints), -np.ones(joints)]
+    B = both(np.swapaxes(arm.jacobian, 1, 2)) * (sign / limit)[:, None]
+    moving = np.abs(motion.q1) > DIRECTION_TOLERANCE * np.abs(motion.q1).max(axis=1, keepdims=True)
+    direction = np.where(_changes_sign(motion.q1) | ~moving, np.nan, np.sign(motion.q1))
+    resisting = np.where(np.isnan(both(direction)), 1.0, both(direction) * sign)
+    base = np.stack([both(part) * sign for part in (arm.tau_u, arm.tau_x, arm.tau_0)], axis=2)
+    base[:, :, 2] += both(arm.mass_matrix @ middle) * sign + both(np.tile(limits.dry_friction, (points, 1))) * resisting
+    base /= limit[:, None]
+    base[:, :, 2] -= 1.0
+    erring = np.flatnonzero(radius)
+    own = both(arm.mass_matrix[:, :, erring] * radius[erring]) * (sign / limit)[:, None]
+    base_terms = np.zeros((points, 2 * joints, len(loads.constant_group)))
+    base_terms[:, :, : len(erring)] = own
+    viscous = both(limits.viscous_friction * motion.q1) * (sign / limit)
+    return TorqueFamily(B, loads, base, base_terms, viscous)
+
+
+def _changes_sign(q1: Array) -> Array:
+    """Whether q' of a joint changes its sign towards a neighbouring grid point, (P, n)."""
+    flips = np.sign(q1[1:]) != np.sign(q1[:-1])
+    result = np.zeros(q1.shape, dtype=bool)
+    result[1:] |= flips
+    result[:-1] |= flips
+    return result
+
+
+class JointMotion(Protocol):
+    """Motion of the joints along a path: q', q'' (P, n)."""
+
+    @property
+    def q1(self) -> Array: ...
+
+    @property
+    def q2(self) -> Array: ...
+
+
+def acceleration_rows(motion: JointMotion, limits: JointLimits, middle: Array, radius: Array) -> Array:
+    """+-(q' u + q'' x + middle) + radius <= limit, divided by the limit, (P, 2n, 3)."""
+    rows = np.stack([motion.q1, motion.q2, np.broadcast_to(middle, motion.q1.shape)], axis=2)
+    rows = np.concatenate([rows, -rows], axis=1)
+    rows[:, :, 2] += np.r_[radius, radius]
+    rows /= np.r_[limits.acceleration, limits.acceleration][:, None]
+    rows[:, :, 2] -= 1.0
+    return rows
+
+
+def evaluate(B: Array, loads: Loads, base: Array, base_terms: Array, u: Array, x: Array) -> Array:
+    """Values of a row family at (u, x) with every parameter at its worst, (M, F): the formula of `polygons`, in numpy.
+
+    B: (M, F, d) or (F, d); loads at M points; base (M, F, 3) or (0, 0, 3); base_terms (M, F, n_c) or (0, 0, 0)
+    """
+    point = np.stack([u, x, np.ones_like(u)], axis=1)
+    nominal = B @ np.einsum("mdgk,mk->mdg", loads.nominal, point)
+    terms = B @ np.einsum("mdnk,mk->mdn", loads.terms, point)
+    constant = B @ loads.constant + (base_terms if base_terms.size else 0.0)
+    remainder = np.abs(B) @ np.abs(np.einsum("mdnk,mk->mdn", loads.remainder, point))
+    values = np.einsum("mfk,mk->mf", base, point) if base.size else 0.0
+    for g, (lowest, highest) in enumerate(zip(loads.lowest, loads.highest, strict=True)):
+        v = nominal[..., g] + np.abs(terms[..., loads.group == g]).sum(axis=-1)
+        v = v + np.abs(constant[..., loads.constant_group == g]).sum(axis=-1)
+        v = v + remainder[..., loads.remainder_group == g].sum(axis=-1)
+        values = values + np.where(v > 0, highest, lowest) * v
+    return np.asarray(values)
+
+
+def worst_wrench(loads: Loads, y: Array, u: Array, x: Array) -> Array:
+    """The wrench inside the box of the parameters that a direction y likes least: the argument of `evaluate`, (M, d).
+
+    y: (M, d); loads at M points; u, x: (M,)
+    """
+    point = np.stack([u, x, np.ones_like(u)], axis=1)
+    nominal = np.einsum("mdgk,mk->mdg", loads.nominal, point)
+    terms = np.einsum("mdnk,mk->mdn", loads.terms, point)
+    sizes = np.abs(np.einsum("mdnk,mk->mdn", loads.remainder, point))
+    total = np.zeros_like(y)
+    for g, (lowest, highest) in enumerate(zip(loads.lowest, loads.highest, strict=True)):
+        w = nominal[..., g]
+        for swing in (terms[..., loads.group == g], loads.constant[..., loads.constant_group == g]):
+            w = w + np.einsum("mdn,mn->md", swing, np.sign(np.einsum("md,mdn->mn", y, swing)))
+        w = w + np.sign(y) * sizes[..., loads.remainder_group == g].sum(axis=-1)
+        total += np.where(np.einsum("md,md->m", y, w) > 0, highest, lowest)[:, None] * w
+    return total

@@ -1,0 +1,140 @@
+"""Plans for what a learner believes, in place of what the configuration says."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from robustopt.batch import with_beliefs
+from robustopt.certificate import certify
+from robustopt.config import Config, with_values
+from robustopt.config.document import split_key
+from robustopt.config.model import BASE_COORDINATES as BASE
+from robustopt.errors import SolverFailed
+from robustopt.learning.learner import Belief
+from robustopt.learning.moments import ErrorInterval
+from robustopt.problem import rows_along, track_of
+from robustopt.problem.track import Track
+from robustopt.runs.experiment import PlanResult
+from robustopt.timescaling import Status, solve
+
+
+def believing(config: Config, belief: Belief) -> Config:
+    """The configuration with a belief in place of what it says itself.
+
+    A learned coefficient of friction stands for all interfaces; a learned interval of the joint acceleration error
+    replaces the configured one. Raises ConfigError where a key of the belief does not fit.
+    """
+    values: dict[str, Any] = {}
+    if belief.friction is not None:
+        values |= {"uncertainty.friction": None, "contact.friction": belief.friction}
+    if belief.error is not None:
+        values |= _acceleration(config, belief.error)
+    config = with_values(config, values) if values else config
+    if not belief.parameters:
+        return config
+    return with_beliefs(learned_from(config, [key for key, _ in belief.parameters]), dict(belief.parameters))
+
+
+def learned_from(config: Config, keys: Sequence[str]) -> Config:
+    """The configuration without the intervals of friction that stand over coefficients which are learned.
+
+    keys: of the learned values, such as contact.friction or contact.friction.upper
+    """
+    intervals = config.uncertainty.friction
+    learned = [split_key(key) for key in keys if split_key(key)[:2] == ("contact", "friction")]
+    if intervals is None or not learned:
+        return config
+    if ("contact", "friction") in learned:
+        return with_values(config, {"uncertainty.friction": None})
+    by_name = intervals if isinstance(intervals, Mapping) else {"default": intervals}
+    named = {name: by_name.get(name, by_name.get("default")) for name in config.interfaces}
+    left = {name: bounds for name, bounds in named.items() if bounds and ("contact", "friction", name) not in learned}
+    return with_values(config, {"uncertainty.friction": left or None})
+
+
+def _acceleration(config: Config, error: ErrorInterval) -> Mapping[str, Any]:
+    """[U - K Delta, U + K Delta] as `uncertainty.joint_acceleration`; one value stands for all joints.
+
+    Of a robot on its feet the first six are the base's, whose interval `uncertainty.base_acceleration` lies about 0.
+    """
+    if error.is_zero:
+        return {"uncertainty.joint_acceleration": None}
+    mean, deviation = ([error.share * value for value in values] for values in (error.mean, error.deviation))
+    values: dict[str, Any] = {}
+    single = len(mean) == 1
+    if config.walks and not single:
+        base = zip(mean[:BASE], deviation[:BASE], strict=True)
+        values["uncertainty.base_acceleration"] = [abs(u) + error.K * d for u, d in base]
+        mean, deviation = mean[BASE:], deviation[BASE:]
+    values["uncertainty.joint_acceleration"] = {
+        "mean": mean[0] if single else mean,
+        "deviation": deviation[0] if single else deviation,
+        "K": error.K,
+    }
+    return values
+
+
+FINER_GRIDS = (1, 2, 4)
+"""Times as many collocation points as configured, in turn: what is violated between them shrinks with their square."""
+
+
+class Planner:
+    """Makes the plan of a belief, with its certificate; robot and path are the same for all beliefs.
+
+    certified: without it plans have no certificate, which is enough for what is compared with them
+    """
+
+    def __init__(self, config: Config, certified: bool = True) -> None:
+        self.config = config
+        self._certified = certified
+        self._latest: tuple[Belief, PlanResult] | None = None
+        self._tracks: dict[int, Track] = {}
+
+    def plan(self, belief: Belief) -> PlanResult:
+        """The plan of a belief; an infeasible problem is an outcome.
+
+        Raises SolverFailed where a plan fails its certificate or the solver stops without an answer, and ConfigError
+        where the belief does not fit the configuration.
+        """
+        if self._latest is None or self._latest[0] != belief:  # the latest alone: plans are large, and soon made again
+            self._latest = belief, self._make(belief)
+        return self._latest[1]
+
+    def _make(self, belief: Belief) -> PlanResult:
+        """The plan on the configured grid, or, where it leaves a limit between grid points, on a finer one."""
+        for finer in FINER_GRIDS:
+            result = self._on_grid(belief, finer)
+            if result.certificate is None or result.certificate.passed:
+                return result
+            if result.certificate.worst.on_grid:
+                break
+        assert result.certificate is not None
+        sentence = result.certificate.sentence
+        raise SolverFailed(f"the plan for {described(belief)} failed its certificate: {sentence}")
+
+    def _on_grid(self, belief: Belief, finer: int) -> PlanResult:
+        config = believing(self._refined(finer), belief)
+        plan = solve(rows_along(self._track(finer), config))
+        if plan.status not in (Status.SOLVED, Status.INFEASIBLE):
+            raise SolverFailed(f"no plan for {described(belief)}: {plan.message}")
+        solved = self._certified and plan.status is Status.SOLVED
+        return PlanResult(config, plan, certify(config, plan, "quick", config.seed) if solved else None, None, {})
+
+    def _refined(self, finer: int) -> Config:
+        points = finer * self.config.solver.collocation_points
+        return self.config if finer == 1 else with_values(self.config, {"solver.collocation_points": points})
+
+    def _track(self, finer: int) -> Track:
+        if finer not in self._tracks:
+            self._tracks[finer] = track_of(self._refined(finer))
+        return self._tracks[finer]
+
+
+def described(belief: Belief) -> str:
+    """A belief in words."""
+    parts = [] if belief.friction is None else [f"friction {belief.friction:g}"]
+    if belief.error is not None and not belief.error.is_zero:
+        parts.append(f"acceleration errors up to +-{max(belief.error.half_width):.3g} (K = {belief.error.K:g})")
+    parts += [f"{key} = {value:g}" for key, value in belief.parameters]
+    return " and ".join(parts) or "what the configuration says"

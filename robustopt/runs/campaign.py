@@ -1,0 +1,237 @@
+"""Plans, executes and learns: what a learner asks for is done, journalled and told to it, until it is finished."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from robustopt.batch import BatchPlanner
+from robustopt.confidence import clopper_pearson
+from robustopt.config import Config, LearningConfig
+from robustopt.errors import ConfigError, RunFolderError
+from robustopt.execution.monte_carlo import CHUNK
+from robustopt.learning import learner_of
+from robustopt.learning.learner import Learner, Planned, Request, Result, Row, State, tell_all
+from robustopt.learning.parameters import Array, Cost
+from robustopt.runs.beliefs import Planner, learned_from
+from robustopt.runs.executors import JUDGED, Executor, Simulated
+from robustopt.runs.journal import Journal
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Fresh executions of a plan: how many there were, how many succeeded, and how the others ended."""
+
+    trials: int
+    successes: int
+    statuses: Mapping[str, int]
+
+    @property
+    def rate(self) -> float:
+        return self.successes / self.trials
+
+    def interval(self, confidence: float) -> tuple[float, float]:
+        """Clopper-Pearson interval of the success rate."""
+        return clopper_pearson(self.successes, self.trials, confidence)
+
+
+@dataclass(frozen=True)
+class Learned:
+    """What is known once a learner is finished, or so far.
+
+    judged: what fresh executions say of the plan of each row, by its index
+    """
+
+    config: Config
+    learner: Learner[Any]
+    state: State
+    judged: Mapping[int, Judgement] = field(default_factory=dict)
+
+    @property
+    def settings(self) -> LearningConfig:
+        return self.config.learning or LearningConfig()
+
+    @property
+    def finished(self) -> bool:
+        return self.learner.finished(self.state)
+
+    @property
+    def rows(self) -> tuple[Row, ...]:
+        """The plans that were tried, in order."""
+        return self.learner.history(self.state)
+
+    @property
+    def best(self) -> Row | None:
+        """The best plan that succeeded; None without one."""
+        return self.learner.best(self.state)
+
+    @property
+    def returned(self) -> Row | None:
+        """What the algorithm returns, which may be a plan that was not executed as such."""
+        return self.learner.returned(self.state)
+
+    def judgement(self, row: Row | None) -> Judgement | None:
+        """What fresh executions say of the plan of a row."""
+        index = next((i for i, other in enumerate(self.rows) if other is row), -1)
+        return self.judged.get(index)
+
+
+Progress = Callable[[Learned], None]
+
+
+def learn(
+    config: Config,
+    executor: Executor | None = None,
+    *,
+    journal: Journal | None = None,
+    workers: int = 1,
+    progress: Progress | None = None,
+) -> Learned:
+    """Run the learner of a configuration to its end.
+
+    The same configuration and seed give the same result, bit for bit, whatever the number of workers, and however often
+    it was interrupted and continued from its journal.
+
+    Args:
+        config: the task; its `learning` section names the learner, its `execution` section the simulated world.
+        executor: what runs the plans, instead of the simulation.
+        journal: what happened before, and where what happens is written; without it nothing is kept.
+        workers: processes that the simulation may use.
+        progress: called with what is known so far, whenever that is more than before.
+
+    Raises:
+        ConfigError: the learner or the world does not fit the task.
+        SolverFailed: a plan failed its certificate.
+        RunFolderError: the journal is of another task, or cannot be written.
+        KeyboardInterrupt: interrupted; the journal has all that happened before.
+    """
+    campaign = _Campaign(config, executor or Simulated(config, workers), journal or Journal.in_memory(), progress)
+    return campaign.run()
+
+
+class _Campaign:
+    """A learner at work."""
+
+    def __init__(self, config: Config, executor: Executor, journal: Journal, progress: Progress | None) -> None:
+        if not config.interfaces:
+            raise ConfigError("found no objects; expected at least one that friction holds", key="objects")
+        self.config = config
+        self.settings = config.learning or LearningConfig()
+        self.learner = learner_of(self.settings, _cost(config, self.settings))
+        self.executor, self.journal, self.progress = executor, journal, progress
+        self.planner = Planner(config)
+        self.state = replayed(self.learner, journal)
+        self.judged = {i: found for i in range(len(self.state.rows)) if (found := self._known(i)) is not None}
+
+    def run(self) -> Learned:
+        self._say()
+        while (request := self.learner.ask(self.state)) is not None:
+            rows = len(self.state.rows)
+            if request.executions == 0:
+                self._plan(request)
+            else:
+                self._execute(request)
+            self._say()
+            if len(self.state.rows) > rows and self.settings.judged == "all":
+                self._judge(rows)
+        for i in self._to_judge():
+            self._judge(i)
+        return self.learned
+
+    @property
+    def learned(self) -> Learned:
+        return Learned(self.config, self.learner, self.state, dict(self.judged))
+
+    def _say(self) -> None:
+        if self.progress is not None:
+            self.progress(self.learned)
+
+    def _plan(self, request: Request) -> None:
+        result = self.planner.plan(request.belief)
+        duration = result.plan.duration if result.certified else None
+        self.journal.add_plan(request.belief, duration)
+        self.state = self.learner.tell(self.state, Planned(duration))
+
+    def _execute(self, request: Request) -> None:
+        trial = self.state.trial
+        assert trial is not None
+        count = self.executor.ahead(request.executions, trial.executions)
+        numbers = range(request.first, request.first + count)
+        executions = self.executor.run(self.planner.plan(request.belief), numbers, request.speed)
+        self.state, used = tell_all(self.learner, self.state, [execution.outcome for execution in executions])
+        self.journal.add_executions(request.speed, executions[:used])
+
+    # Judging ---------------------------------------------------------------------------------------------
+
+    def _to_judge(self) -> list[int]:
+        """Rows whose success rate is wanted: of what is returned, or of all plans."""
+        rows = self.state.rows
+        if self.settings.judged == "all":
+            return list(range(len(rows)))
+        wanted = (self.learner.best(self.state), self.learner.returned(self.state))
+        return [i for i, row in enumerate(rows) if any(row is other for other in wanted)]
+
+    def _judge(self, i: int) -> None:
+        """Run what is missing of the fresh executions of a row's plan."""
+        row, total = self.state.rows[i], self.settings.trials
+        if row.trial.duration is None or row.result is Result.INFEASIBLE or not self.executor.fresh:
+            return
+        known = self.journal.judgements(i)
+        missing = [JUDGED + k for k in range(total) if JUDGED + k not in known]
+        if not missing:
+            return
+        for start in range(0, len(missing), CHUNK):
+            numbers = missing[start : start + CHUNK]
+            self.journal.add_judgements(i, self.executor.run(self.planner.plan(row.trial.belief), numbers, 1.0))
+        found = self._known(i)
+        if found is not None:
+            self.judged[i] = found
+        self._say()
+
+    def _known(self, i: int) -> Judgement | None:
+        """What the journal has of a row's fresh executions, once it has them all."""
+        found = list(self.journal.judgements(i).values())
+        if not found or len(found) < self.settings.trials:
+            return None
+        statuses = [status for _, status in found]
+        counts = {status: statuses.count(status) for status in dict.fromkeys(statuses)}
+        return Judgement(len(found), sum(success for success, _ in found), counts)
+
+
+def _cost(config: Config, settings: LearningConfig) -> Cost:
+    """f* of the learned parameters: the duration of their fastest plan, computed in batches and once each."""
+    keys = [parameter.key for parameter in settings.parameters]
+    batch = BatchPlanner(learned_from(config, keys))
+
+    def cost(values: Array) -> Array:
+        return batch.durations([dict(zip(keys, row, strict=True)) for row in values.tolist()])
+
+    return cost
+
+
+def replayed(learner: Learner[Any], journal: Journal) -> Any:
+    """The state of a learner after all that a journal holds.
+
+    Raises RunFolderError where the journal does not answer what this learner asks.
+    """
+    state = learner.initial()
+    for number, entry in enumerate(journal.entries()):
+        request = learner.ask(state)
+        _require(request is not None and request.executions == 0 and request.belief == entry.belief, number)
+        state = learner.tell(state, Planned(entry.duration))
+        for speed, execution in entry.executions:
+            request = learner.ask(state)
+            fits = request is not None and request.executions > 0
+            fits = fits and request is not None and (request.speed, request.first) == (speed, execution.number)
+            _require(fits, number)
+            state = learner.tell(state, execution.outcome)
+    return state
+
+
+def _require(fits: bool, plan: int) -> None:
+    if not fits:
+        raise RunFolderError(
+            f"the journal does not fit this task: plan {plan} in it is not what the learner asks for; "
+            "expected the journal of the same configuration and the same version of robustopt"
+        )

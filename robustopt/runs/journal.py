@@ -1,0 +1,233 @@
+"""The memory of a learner: every plan and every execution, committed to a SQLite file as it happens.
+
+A journal holds what happened, not what was concluded: told to the learner again, in order, it gives the same state. So
+a process that is killed at any moment loses at most the executions that were under way, and they come out the same
+when they are run again. One process at a time may hold a journal.
+"""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections.abc import Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter
+
+from robustopt.errors import RunFolderError, RunInUse
+from robustopt.learning.learner import Belief, Executed
+from robustopt.learning.moments import Moments
+from robustopt.runs.store import JOURNAL
+
+SIMULATION, MANUAL = "simulation", "manual"
+
+PATIENCE = 1.0
+"""How long another process is waited for that only looks whether a journal is in use [s]."""
+
+_TABLES = """
+CREATE TABLE origin (
+    executor TEXT NOT NULL          -- who makes the executions: they are never mixed
+);
+CREATE TABLE plans (
+    plan INTEGER PRIMARY KEY,       -- in the order in which the learner asked, from 0
+    belief TEXT NOT NULL,           -- what it was planned with, JSON
+    duration REAL                   -- [s]; NULL where there is no plan
+);
+CREATE TABLE executions (
+    number INTEGER PRIMARY KEY,     -- of this learner, from 0; its random stream belongs to it
+    plan INTEGER NOT NULL REFERENCES plans,
+    speed REAL NOT NULL,            -- times the plan's
+    success INTEGER NOT NULL,
+    status TEXT NOT NULL, what TEXT NOT NULL, t REAL, s REAL,  -- the first failure: time [s] and place on the path
+    count INTEGER NOT NULL, total TEXT NOT NULL, squares TEXT NOT NULL  -- acceleration error, as in `Moments`, JSON
+);
+CREATE TABLE judgements (           -- fresh executions that the success rate of a plan is estimated with
+    plan INTEGER NOT NULL REFERENCES plans,
+    number INTEGER NOT NULL,
+    success INTEGER NOT NULL,
+    status TEXT NOT NULL,
+    PRIMARY KEY (plan, number)
+);
+"""
+
+_BELIEF: TypeAdapter[Belief] = TypeAdapter(Belief)
+
+
+@dataclass(frozen=True)
+class Execution:
+    """One execution of a plan.
+
+    number: its random stream belongs to it; success; status, what: how it ended, and which object, joint or foot failed
+    first; t, s: time of that [s] and place on the path, None for a success; errors: of the joint acceleration
+    """
+
+    number: int
+    success: bool
+    status: str
+    what: str
+    t: float | None
+    s: float | None
+    errors: Moments
+
+    @property
+    def outcome(self) -> Executed:
+        """What a learner is told."""
+        return Executed(self.success, self.errors)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A plan with its executions at each speed, in the order of their numbers."""
+
+    belief: Belief
+    duration: float | None
+    executions: tuple[tuple[float, Execution], ...]
+
+
+class Journal:
+    """Plans and executions in a SQLite file that this process alone holds; without a file, in memory."""
+
+    def __init__(self, connection: sqlite3.Connection, place: str) -> None:
+        self._connection = connection
+        self._place = place
+
+    @staticmethod
+    def in_memory() -> Journal:
+        """A journal that ends with the process."""
+        connection = sqlite3.connect(":memory:", isolation_level=None)
+        connection.executescript(_TABLES)
+        connection.execute("INSERT INTO origin VALUES (?)", (SIMULATION,))
+        return Journal(connection, "memory")
+
+    @staticmethod
+    def create(folder: Path, executor: str = SIMULATION) -> None:
+        """Write an empty journal into a folder; executor: who makes the executions, SIMULATION or MANUAL."""
+        path = folder / JOURNAL
+        try:
+            with closing(sqlite3.connect(path, isolation_level=None)) as connection:
+                connection.executescript(f"BEGIN; {_TABLES} COMMIT;")
+                connection.execute("INSERT INTO origin VALUES (?)", (executor,))
+        except sqlite3.DatabaseError as error:
+            raise RunFolderError(f"{path}: cannot be written: {error}") from None
+
+    @staticmethod
+    def open(folder: Path) -> Journal:
+        """The journal in a folder, held until it is closed or the process ends.
+
+        Raises RunInUse where another process holds it, and RunFolderError where the file is no journal or is damaged.
+        """
+        path = folder / JOURNAL
+        if not path.is_file():
+            raise RunFolderError(f"{path}: no such file; expected the journal of a run of `robustopt learn`")
+        connection = sqlite3.connect(path, timeout=PATIENCE, isolation_level=None)
+        try:
+            _hold(connection)
+            _require_sound(connection)
+        except sqlite3.DatabaseError as error:
+            connection.close()
+            if getattr(error, "sqlite_errorcode", 0) & 0xFF == sqlite3.SQLITE_BUSY:  # the rest says which kind of it
+                raise RunInUse(
+                    f"{folder}: another process is at work on this run; expected to be the only one"
+                ) from None
+            raise RunFolderError(f"{path}: not a journal of robustopt, or damaged: {error}") from None
+        return Journal(connection, str(path))
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self._connection.close()
+
+    # What is written -------------------------------------------------------------------------------------
+
+    def add_plan(self, belief: Belief, duration: float | None) -> None:
+        """Commit a plan."""
+        text = _BELIEF.dump_json(belief).decode()
+        self._write([("INSERT INTO plans VALUES ((SELECT count(*) FROM plans), ?, ?)", (text, duration))])
+
+    def add_executions(self, speed: float, executions: Sequence[Execution]) -> None:
+        """Commit executions of the latest plan together."""
+        command = "INSERT INTO executions VALUES (?, (SELECT count(*) - 1 FROM plans), ?, ?, ?, ?, ?, ?, ?, ?, ?)"
+        self._write([(command, _values(execution, speed)) for execution in executions])
+
+    def add_judgements(self, plan: int, executions: Sequence[Execution]) -> None:
+        """Commit fresh executions of a plan together."""
+        command = "INSERT INTO judgements VALUES (?, ?, ?, ?)"
+        self._write([(command, (plan, item.number, item.success, item.status)) for item in executions])
+
+    def _write(self, commands: Sequence[tuple[str, tuple[Any, ...]]]) -> None:
+        try:
+            with self._transaction():
+                for command, values in commands:
+                    self._connection.execute(command, values)
+        except sqlite3.DatabaseError as error:
+            raise RunFolderError(f"{self._place}: cannot be written: {error}") from error
+
+    def _transaction(self) -> sqlite3.Connection:
+        self._connection.execute("BEGIN")
+        return self._connection  # as a context: commits at the end, rolls back where something fails
+
+    # What is read ----------------------------------------------------------------------------------------
+
+    @property
+    def executor(self) -> str:
+        """Who makes the executions."""
+        return str(self._read("SELECT executor FROM origin")[0][0])
+
+    def entries(self) -> Iterator[Entry]:
+        """Every plan with its executions, in order."""
+        for plan, belief, duration in self._read("SELECT plan, belief, duration FROM plans ORDER BY plan"):
+            found = self._read(
+                "SELECT speed, number, success, status, what, t, s, count, total, squares FROM executions "
+                "WHERE plan = ? ORDER BY number",
+                plan,
+            )
+            try:
+                executions = tuple((speed, _execution(*values)) for speed, *values in found)
+                entry = Entry(_BELIEF.validate_json(belief), duration, executions)
+            except (ValueError, TypeError) as error:
+                raise RunFolderError(f"{self._place}: damaged: plan {plan}: {error}") from None
+            yield entry
+
+    def judgements(self, plan: int) -> dict[int, tuple[bool, str]]:
+        """Fresh executions of a plan: success and status by number."""
+        found = self._read("SELECT number, success, status FROM judgements WHERE plan = ? ORDER BY number", plan)
+        return {number: (bool(success), status) for number, success, status in found}
+
+    def _read(self, command: str, *values: Any) -> list[Any]:
+        try:
+            return self._connection.execute(command, values).fetchall()
+        except sqlite3.DatabaseError as error:
+            raise RunFolderError(f"{self._place}: damaged: {error}") from None
+
+
+def _hold(connection: sqlite3.Connection) -> None:
+    """Take the lock of the file and keep it until the connection is closed; what a kill left half-written is undone."""
+    connection.execute("PRAGMA locking_mode = EXCLUSIVE")
+    connection.execute("BEGIN EXCLUSIVE")
+    connection.execute("COMMIT")  # the lock stays
+
+
+def _require_sound(connection: sqlite3.Connection) -> None:
+    """Raises sqlite3.DatabaseError where the file is no journal, or parts of it are damaged."""
+    for table in ("origin", "plans", "executions", "judgements"):
+        connection.execute(f"SELECT * FROM {table} LIMIT 1").fetchall()
+    found = connection.execute("PRAGMA integrity_check(1)").fetchone()[0]
+    if found != "ok":
+        raise sqlite3.DatabaseError(found)
+
+
+def _values(execution: Execution, speed: float) -> tuple[Any, ...]:
+    errors = execution.errors
+    sums = (errors.count, json.dumps(errors.total), json.dumps(errors.squares))
+    what = (execution.success, execution.status, execution.what, execution.t, execution.s)
+    return (execution.number, speed, *what, *sums)
+
+
+def _execution(
+    number: int, success: int, status: str, what: str, t: float | None, s: float | None, count: int, total: str,
+    squares: str,
+) -> Execution:  # fmt: skip
+    errors = Moments(count, tuple(json.loads(total)), tuple(json.loads(squares)))
+    return Execution(number, bool(success), status, what, t, s, errors)

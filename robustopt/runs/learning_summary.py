@@ -1,0 +1,145 @@
+"""What a run of a learner says: the record of every plan, what was learned, and with which confidence."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from robustopt.confidence import Reading, bad_luck, phi
+from robustopt.config import LearningConfig
+from robustopt.learning.calibrated import Calibrated
+from robustopt.learning.earned import earned
+from robustopt.learning.learner import End, Result, Row
+from robustopt.runs.beliefs import described
+from robustopt.runs.campaign import Judgement, Learned
+from robustopt.runs.experiment import PlanResult, summary
+from robustopt.runs.store import plain_data
+
+LEARNED, DIVERGED = "learned", "simulation failed"
+"""Statuses of a run with a plan that succeeded, and of one whose every simulation diverged."""
+
+
+def learning_summary(learned: Learned, planned: PlanResult | None, diverged: bool) -> dict[str, Any]:
+    """What a run says about what was learned, as plain data.
+
+    planned: the best plan, made again; diverged: whether every simulation diverged
+    """
+    best, returned, end = learned.best, learned.returned, learned.state.end
+    assert end is not None
+    known = summary(planned) if planned is not None else {"name": learned.config.name, "duration": None}
+    data = known | {
+        "kind": "learning",
+        "status": LEARNED if best is not None else DIVERGED if diverged else _ended(end),
+        "message": sentence(learned),
+        "learning": {
+            "algorithm": learned.learner.name,
+            "end": end.value,
+            "iterations": max((row.iteration for row in learned.rows), default=0),
+            "plans": len(learned.rows),
+            "executions": learned.state.executed,
+            "target_rate": target_rate(learned.settings),
+            "best": row_record(learned, best) if best else None,
+            "returned": row_record(learned, returned) if returned else None,
+            "confidence": confidence_sentence(learned),
+            "rows": [row_record(learned, row) for row in learned.rows],
+        },
+    }
+    return dict(plain_data(data))
+
+
+def _ended(end: End) -> str:
+    return end.value if end in (End.NO_PLAN, End.NO_SUCCESS) else End.NO_SUCCESS.value
+
+
+def sentence(learned: Learned) -> str:
+    """What was learned, in a few sentences."""
+    best, end = learned.best, learned.state.end
+    assert end is not None
+    spent = f"{_count(learned.state.executed, 'execution')} of {_count(_executed_plans(learned), 'plan')}"
+    if best is None:
+        return f"{end.sentence} {spent}."
+    trial = best.trial
+    times = f"{trial.successes} of {trial.successes + trial.failures} times{_fresh(learned, best)}"
+    text = f"{_capital(described(trial.belief))}: a plan of {trial.duration:.4f} s that succeeded {times}."
+    returned = learned.returned
+    if returned is not None and returned is not best:
+        answer = f"{described(returned.trial.belief)}: {returned.trial.duration:.4f} s, not executed as such"
+        text += f" The algorithm returns {answer}{_fresh(learned, returned)}."
+    return f"{text} {end.sentence} {spent}."
+
+
+def _count(number: int, name: str) -> str:
+    return f"{number:,} {name}{'' if number == 1 else 's'}"
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def _fresh(learned: Learned, row: Row) -> str:
+    judgement = learned.judgement(row)
+    if judgement is None:
+        return ""
+    confidence = learned.settings.confidence
+    low, high = (f"{100 * end:.1f}" for end in judgement.interval(confidence))
+    return (
+        f", and in {judgement.successes:,} of {judgement.trials:,} fresh executions "
+        f"({low} to {high} % at {100 * confidence:g} % confidence)"
+    )
+
+
+def _executed_plans(learned: Learned) -> int:
+    return sum(row.trial.executions > 0 for row in learned.rows)
+
+
+def target_rate(settings: LearningConfig) -> float:
+    """The success rate in question: what ilrobs aims at, Phi(K), else the configured one."""
+    return phi(settings.K, Reading(settings.reading)) if settings.algorithm == "ilrobs" else settings.success_rate
+
+
+def confidence_sentence(learned: Learned) -> str:
+    """The confidence that the executions of the best plan earn."""
+    best, settings = learned.best, learned.settings
+    if best is None:
+        return ""
+    if isinstance(learned.learner, Calibrated):
+        return (
+            f"With a confidence of {settings.confidence:g} no accepted plan, this one among them, has a success "
+            f"rate below {settings.success_rate:g}."
+        )
+    rate = target_rate(settings)
+    return earned(best.trial.successes, rate, settings.confidence, max(_executed_plans(learned), 1)).sentence
+
+
+def row_record(learned: Learned, row: Row) -> dict[str, Any]:
+    """The record of a row, with what fresh executions say and how likely its failure was bad luck."""
+    record: dict[str, Any] = dict(row.record())
+    if row.trial.failures and row.lower_bound is None:
+        rate = target_rate(learned.settings)
+        record["bad_luck"] = bad_luck(row.trial.successes, row.trial.failures, rate, learned.settings.prior)
+    if row.lower_bound is not None and row.gap is not None:
+        record["incumbent"] = row.lower_bound * (1 + row.gap)
+    judgement = learned.judgement(row)
+    if judgement is not None:
+        record |= _judged(judgement, learned.settings.confidence)
+    return record
+
+
+def _judged(judgement: Judgement, confidence: float) -> dict[str, Any]:
+    low, high = judgement.interval(confidence)
+    return {
+        "fresh_trials": judgement.trials,
+        "fresh_successes": judgement.successes,
+        "success_rate": judgement.rate,
+        "success_low": low,
+        "success_high": high,
+        "fresh_statuses": dict(judgement.statuses),
+    }
+
+
+def trial_record(learned: Learned) -> dict[str, Any] | None:
+    """The record of the plan that is under test, None at the end."""
+    trial = learned.state.trial
+    if trial is None:
+        return None
+    iteration = max((row.iteration for row in learned.rows), default=0) + 1
+    return dict(Row(iteration, trial, Result.UNDECIDED).record()) | {"result": None}
