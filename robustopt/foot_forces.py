@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robustopt.config.model import BASE_COORDINATES as BASE
+from robustopt.config import BASE_COORDINATES as BASE
 from robustopt.contact.load_sharing import distribute
 from robustopt.errors import ProblemInfeasible
 from robustopt.path.walking_path import WalkingPath

@@ -11,9 +11,9 @@ from scenes import FLAT, scene
 from robustopt.config import Config, dump
 from robustopt.learning.learner import Belief
 from robustopt.learning.moments import Moments
+from robustopt.runs import beliefs
 from robustopt.runs.experiment import PlanResult
 from robustopt.runs.journal import Execution
-from robustopt.runs.listing import beliefs
 
 THRESHOLD = 0.4
 

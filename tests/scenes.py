@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from robustopt.config import Config, load_config, with_values
-from robustopt.config.model import Config as Model
+from robustopt.config import Config as Model
 from robustopt.problem import TimeScalingProblem, build_problem
 from robustopt.timescaling import Plan, Status, solve
 

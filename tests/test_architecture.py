@@ -11,7 +11,10 @@ PACKAGE = Path(__file__).parent.parent / "robustopt"
 
 LAYERS = [
     ["errors", "models", "tasks"],
-    ["config/words", "config/model", "config/document"],
+    ["config/document", "config/section"],
+    ["config/execution_model", "config/learning_model"],
+    ["config/model"],
+    ["config/words"],
     ["config/geometry"],
     ["config/scene_check", "config/step_check", "config/check", "config/validate"],
     ["config", "config/schema"],

@@ -12,11 +12,11 @@ from robustopt.config import Config, with_values
 from robustopt.errors import ConfigError, RunFolderError, SolverFailed
 from robustopt.learning.learner import Belief, End, Result
 from robustopt.learning.moments import ErrorInterval
+from robustopt.runs import beliefs
 from robustopt.runs.beliefs import believing, described
 from robustopt.runs.campaign import Judgement, Learned, learn, replayed
 from robustopt.runs.executors import JUDGED, Simulated
 from robustopt.runs.journal import Execution, Journal
-from robustopt.runs.listing import beliefs
 from robustopt.timescaling import Status
 
 

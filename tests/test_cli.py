@@ -14,7 +14,7 @@ from robustopt import __version__, cli
 from robustopt.config import load_config
 from robustopt.errors import RobustOptError
 from robustopt.interruption import interruptions, on_interrupt
-from robustopt.runs.listing import experiment
+from robustopt.runs import experiment
 from robustopt.runs.store import read_summary
 
 ROOT = Path(__file__).parents[1]

@@ -10,8 +10,7 @@ from scenes import BOX, FLAT, G, plan_of, scene, waiter
 from scipy.stats import binom
 
 from robustopt.confidence import clopper_pearson
-from robustopt.config import with_values
-from robustopt.config.model import DisturbanceConfig, ExecutionConfig, TruthConfig
+from robustopt.config import DisturbanceConfig, ExecutionConfig, TruthConfig, with_values
 from robustopt.errors import ConfigError, ProblemInfeasible, SimulationFailed
 from robustopt.execution import Status, Workers, execute, monte_carlo
 from robustopt.execution.controller import POSITION_VELOCITY, Gains, gains_of, reference

@@ -19,8 +19,8 @@ from robustopt.config import load_config
 from robustopt.execution import execute
 from robustopt.execution.video import HEIGHT, STRIP, WIDTH, write_film
 from robustopt.robot.model_file import resolve_package
+from robustopt.runs import execution_run
 from robustopt.runs.execution_run import read_plan
-from robustopt.runs.listing import execution_run
 from robustopt.runs.store import read_summary
 from robustopt.timescaling import solve
 

@@ -6,7 +6,7 @@ import pytest
 from scenes import BOX, FLAT, G, plan_of, scene, waiter
 from scipy.signal import butter, filtfilt
 
-from robustopt.config.model import Config, ExecutionConfig
+from robustopt.config import Config, ExecutionConfig
 from robustopt.execution import execute
 from robustopt.execution.controller import (
     POSITION_VELOCITY,

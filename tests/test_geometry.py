@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robustopt.config import Config
 from robustopt.config.geometry import (
     area,
     clip,
@@ -17,7 +18,6 @@ from robustopt.config.geometry import (
     regular_polygon,
     standing_order,
 )
-from robustopt.config.model import Config
 from robustopt.errors import ConfigError
 
 UNIT = rectangle(np.zeros(2), np.array([1.0, 1.0]))

@@ -11,8 +11,8 @@ import pytest
 from robustopt.errors import RunFolderError, RunInUse
 from robustopt.learning.learner import Belief
 from robustopt.learning.moments import ErrorInterval, Moments
+from robustopt.runs import journal as journal_module
 from robustopt.runs.journal import MANUAL, SIMULATION, Execution, Journal
-from robustopt.runs.listing import journal as journal_module
 from robustopt.runs.store import JOURNAL
 
 random = np.random.default_rng(4)

@@ -18,8 +18,8 @@ from robustopt import cli, report
 from robustopt.config import dump, load_config
 from robustopt.errors import RunFolderError, SolverFailed
 from robustopt.execution import Status
+from robustopt.runs import beliefs, executors, learning_run
 from robustopt.runs.journal import Journal
-from robustopt.runs.listing import beliefs, executors, learning_run
 from robustopt.runs.store import JOURNAL, read_summary
 
 TABLES = ("iterations.csv", "executions.csv", "plan.csv")

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from synthetic_worlds import World, answer, cost, half_width, run, run_batched, states
 
 from robustopt.confidence import Reading
-from robustopt.config.model import LearningConfig
+from robustopt.config import LearningConfig
 from robustopt.errors import ConfigError, RobustOptError
 from robustopt.learning import LEARNERS, learner_of
 from robustopt.learning.acceleration_interval import AccelerationInterval

@@ -11,10 +11,11 @@ import pytest
 
 from robustopt.config import Config, dump, load_config
 from robustopt.errors import RunFolderError
-from robustopt.runs.listing import store
+from robustopt.models import MODELS
+from robustopt.runs import store
 from robustopt.runs.store import CONFIG, JOURNAL, PROVENANCE, SUMMARY, new_run, read_summary, write_json, write_origin
 
-MODEL = Path(store.__file__).parent / "models" / "tx90l.xml"
+MODEL = MODELS / "tx90l.xml"
 
 
 def config() -> Config:

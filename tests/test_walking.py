@@ -16,8 +16,7 @@ from scipy.optimize import linprog
 from robustopt.batch import BatchPlanner, with_beliefs
 from robustopt.certificate import certify
 from robustopt.cli import run
-from robustopt.config import load_config, with_values
-from robustopt.config.model import Config
+from robustopt.config import Config, load_config, with_values
 from robustopt.errors import ConfigError, PathError, RobotError
 from robustopt.foot_forces import planned_forces
 from robustopt.learning.learner import Belief

@@ -11,9 +11,8 @@ import numpy as np
 from robustopt.certificate.contact_points import Array, Contacts, Face, Indices
 from robustopt.certificate.motion import Instants
 from robustopt.certificate.tally import Found, Tally
-from robustopt.config import Config
-from robustopt.config.model import BASE_COORDINATES as BASE
-from robustopt.config.model import FEET
+from robustopt.config import BASE_COORDINATES as BASE
+from robustopt.config import FEET, Config
 from robustopt.path.walking_path import WalkingPath
 from robustopt.robot.walker import Walker
 

@@ -30,8 +30,8 @@ from robustopt.certificate.walk import (
     walk_of,
 )
 from robustopt.certificate.walking_torque import check_torque
+from robustopt.config import BASE_COORDINATES as BASE
 from robustopt.config import Config
-from robustopt.config.model import BASE_COORDINATES as BASE
 
 if TYPE_CHECKING:
     from robustopt.timescaling import Plan

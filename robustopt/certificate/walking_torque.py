@@ -10,7 +10,7 @@ from scipy.optimize import linprog
 from robustopt.certificate.contact_points import Array, Indices
 from robustopt.certificate.tally import Tally
 from robustopt.certificate.walk import LENGTH, Values, Walk, contact_points, inward, record
-from robustopt.config.model import BASE_COORDINATES as BASE
+from robustopt.config import BASE_COORDINATES as BASE
 from robustopt.errors import SolverFailed
 
 EDGES = 32

@@ -10,59 +10,49 @@ from typing import Any
 from pydantic import BaseModel
 
 from robustopt.config.document import Document, read_yaml, split_key, write_yaml
-from robustopt.config.model import (
-    AccelerationError,
-    Collision,
-    Config,
-    ContactConfig,
-    ControllerConfig,
+from robustopt.config.execution_model import (
     DisturbanceConfig,
     ExecutionConfig,
-    JointLimitOverride,
-    LearnedParameter,
-    LearningConfig,
+    FailureConfig,
+    TruthConfig,
+    VariationConfig,
+)
+from robustopt.config.learning_model import FirstBelief, LearningConfig
+from robustopt.config.model import (
+    BASE_COORDINATES,
+    FEET,
+    Config,
     ObjectConfig,
-    OutputConfig,
     PathConfig,
     PathTolerance,
-    Pose,
-    RobotConfig,
-    SolverConfig,
     StanceConfig,
-    StepConfig,
     TrayConfig,
     TrayPose,
-    TruthConfig,
-    UncertaintyConfig,
 )
+from robustopt.config.section import AccelerationError, Pose
 from robustopt.config.validate import validate, with_sections
 from robustopt.errors import ConfigError
 from robustopt.models import MODELS
 
 __all__ = [
+    "BASE_COORDINATES",
+    "FEET",
     "AccelerationError",
-    "Collision",
     "Config",
-    "ContactConfig",
-    "ControllerConfig",
     "DisturbanceConfig",
     "ExecutionConfig",
-    "JointLimitOverride",
-    "LearnedParameter",
+    "FailureConfig",
+    "FirstBelief",
     "LearningConfig",
     "ObjectConfig",
-    "OutputConfig",
     "PathConfig",
     "PathTolerance",
     "Pose",
-    "RobotConfig",
-    "SolverConfig",
     "StanceConfig",
-    "StepConfig",
     "TrayConfig",
     "TrayPose",
     "TruthConfig",
-    "UncertaintyConfig",
+    "VariationConfig",
     "dump",
     "load_config",
     "located",

@@ -8,7 +8,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
-from robustopt.config.model import Config, Section
+from robustopt.config.model import Config
+from robustopt.config.section import Section
 from robustopt.config.words import choices, default, expected, fields, meaning, unit, unwrap
 
 PAGE, SCHEMA = "configuration.md", "robustopt.schema.json"

@@ -13,7 +13,8 @@ from pydantic.fields import FieldInfo
 
 from robustopt.config.check import check
 from robustopt.config.document import Document, Key
-from robustopt.config.model import Config, ContactConfig, ObjectConfig, Section
+from robustopt.config.model import Config, ContactConfig, ObjectConfig
+from robustopt.config.section import Section
 from robustopt.config.words import choices, expected, fields, found, in_unit, purpose, unwrap
 from robustopt.errors import ConfigError
 

@@ -11,7 +11,7 @@ from annotated_types import Ge, Gt, Le
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from robustopt.config.model import Section
+from robustopt.config.section import Section
 
 _UNITS = {"m": "metres", "rad": "radians", "kg": "kilograms", "s": "seconds", "N": "newtons"}
 _COUNTS = {2: "two", 3: "three", 4: "four", 6: "six"}

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-from robustopt.config.model import BASE_COORDINATES as BASE
-from robustopt.config.model import Config
+from robustopt.config import BASE_COORDINATES as BASE
+from robustopt.config import Config
 from robustopt.errors import ConfigError
 from robustopt.robot import Robot
 from robustopt.robot.model_file import load_model

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from robustopt.config.model import DisturbanceConfig
+from robustopt.config import DisturbanceConfig
 from robustopt.errors import ConfigError
 
 Array = np.ndarray

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from robustopt.confidence import clopper_pearson
-from robustopt.config.model import Config, ExecutionConfig
+from robustopt.config import Config, ExecutionConfig
 from robustopt.errors import ConfigError, SimulationFailed
 from robustopt.execution.controller import Reference, gains_of, reference, require_stable
 from robustopt.execution.feedback import Feedback, feedback_of

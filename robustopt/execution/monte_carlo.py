@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from robustopt.config.model import Config, ExecutionConfig
+from robustopt.config import Config, ExecutionConfig
 from robustopt.errors import ConfigError, SimulationFailed
 from robustopt.execution.controller import Gains, JointLayout, Reference
 from robustopt.execution.disturbance import CALIBRATION, FORCE, WORLD, calibration, forces, generator

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from robustopt.config.model import FailureConfig
+from robustopt.config import FailureConfig
 from robustopt.execution.controller import Reference
 from robustopt.execution.truth import World
 

@@ -15,8 +15,8 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from robustopt.config import Config, FailureConfig, ObjectConfig
 from robustopt.config.geometry import RESOLUTION, Placement, half_height, placements, rotation, supports
-from robustopt.config.model import Config, FailureConfig, ObjectConfig
 from robustopt.errors import ConfigError
 from robustopt.execution.controller import WITH_TORQUE, Gains, JointLayout, Reference, computed_torque, controls
 from robustopt.execution.outcome import Criterion, Motion, motion_of_object, object_criteria, object_motion

@@ -8,7 +8,7 @@ from typing import Any, Protocol, TypeVar
 import mujoco
 import numpy as np
 
-from robustopt.config.model import Config, FailureConfig
+from robustopt.config import Config, FailureConfig
 from robustopt.execution.controller import Gains, JointLayout, Reference
 from robustopt.execution.outcome import Criterion, Motion
 from robustopt.execution.scene import SceneBuilder, View

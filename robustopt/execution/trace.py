@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from robustopt.config.model import Config
+from robustopt.config import Config
 from robustopt.execution.execute import faster, prepare
 from robustopt.execution.feedback import acceleration_error
 from robustopt.execution.footing import FootContact

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robustopt.config.model import Config, ObjectConfig, TrayConfig, TruthConfig, VariationConfig
+from robustopt.config import Config, ObjectConfig, TrayConfig, TruthConfig, VariationConfig
 from robustopt.problem.uncertainty import INERTIA_TERMS, inertia_matrix
 
 Array = np.ndarray

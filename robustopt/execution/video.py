@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from robustopt.config.model import Config
+from robustopt.config import Config
 from robustopt.errors import SimulationFailed
 from robustopt.execution.disturbance import WORLD, generator
 from robustopt.execution.execute import prepare

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from robustopt.config.model import BASE_COORDINATES as BASE
-from robustopt.config.model import Config, FailureConfig, TruthConfig
+from robustopt.config import BASE_COORDINATES as BASE
+from robustopt.config import Config, FailureConfig, TruthConfig
 from robustopt.errors import ConfigError
 from robustopt.execution.controller import Gains, JointLayout, Reference, controls
 from robustopt.execution.footing import FootContact, foot_motion, stands, trunk_motion, turning

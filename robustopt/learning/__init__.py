@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 from robustopt.confidence import Reading
-from robustopt.config.model import FirstBelief, LearningConfig
+from robustopt.config import FirstBelief, LearningConfig
 from robustopt.errors import ConfigError, RobustOptError
 from robustopt.learning.acceleration_interval import AccelerationInterval
 from robustopt.learning.bisection import Bisection

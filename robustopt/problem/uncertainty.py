@@ -16,9 +16,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from robustopt.config import Config, ObjectConfig, TrayConfig
+from robustopt.config import BASE_COORDINATES, Config, ObjectConfig, TrayConfig
 from robustopt.config.geometry import placements
-from robustopt.config.model import BASE_COORDINATES
 from robustopt.contact import skew
 from robustopt.errors import ConfigError
 

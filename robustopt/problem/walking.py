@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from robustopt.config import BASE_COORDINATES as BASE
 from robustopt.config import Config
-from robustopt.config.model import BASE_COORDINATES as BASE
 from robustopt.contact.stances import sole, stance_system
 from robustopt.path.walking_path import WalkingPath
 from robustopt.problem.polygons import Family, Loads, Polygons, cut

@@ -13,8 +13,8 @@ from dataclasses import dataclass, fields
 import mujoco
 import numpy as np
 
+from robustopt.config import BASE_COORDINATES as BASE
 from robustopt.config import Config
-from robustopt.config.model import BASE_COORDINATES as BASE
 from robustopt.errors import RobotError
 from robustopt.robot import switch_off_all_but_the_links
 from robustopt.robot.joint_limits import JointLimits, joint_limits

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from robustopt.config import Config
-from robustopt.config.model import FEET
+from robustopt.config import FEET, Config
 from robustopt.errors import RobotError
 from robustopt.robot.model_file import RobotModel, compile_spec, model_file, read_model
 

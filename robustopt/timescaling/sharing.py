@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from robustopt.config.model import BASE_COORDINATES as BASE
+from robustopt.config import BASE_COORDINATES as BASE
 from robustopt.contact.load_sharing import distribute
 from robustopt.problem.rows import evaluate, worst_wrench
 from robustopt.problem.walking import SharedRow, StandingTorque

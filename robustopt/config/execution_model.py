@@ -1,0 +1,140 @@
+"""Models of the configuration: the section `execution`."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from robustopt.config.section import Distance, Friction, Mass, NonNegative, Point3, Positive, Section, Vector3, Vector6
+
+
+class VariationConfig(Section):
+    distribution: Literal["normal", "uniform"] = Field(
+        default="normal",
+        description="how values are drawn for each trial: normal, with the deviations below, or uniform, at most the "
+        "deviations below from the value; a friction or mass at or below 0 is drawn again",
+    )
+    friction: NonNegative | dict[str, NonNegative] = Field(
+        default=0.0,
+        description="deviation of the coefficient of friction, one for all or one per object for the interface "
+        "under it (`default` for the rest)",
+    )
+    mass: dict[str, NonNegative] = Field(
+        default={}, description="deviation of the mass, by name as in truth.mass; the inertia scales with it [kg]"
+    )
+    center_of_mass: dict[str, tuple[NonNegative, NonNegative, NonNegative]] = Field(
+        default={}, description="deviation of the centre of mass along x, y, z, by name as in truth.mass [m]"
+    )
+
+
+class TruthConfig(Section):
+    friction: Friction | dict[str, Friction] | None = Field(
+        default=None,
+        description="true coefficient of friction, one value, or one per object for the interface under it "
+        "(`default` for the rest); without it what the planner believes",
+    )
+    mass: dict[str, Mass] = Field(
+        default={},
+        description="true mass, which scales the inertia, by name of an object, the `tray` or a body of a robot on its "
+        "feet [kg]",
+    )
+    center_of_mass: dict[str, Point3] = Field(
+        default={}, description="true centre of mass in the frame of the object, the tray or the body, by name [m]"
+    )
+    inertia: dict[str, Vector3 | Vector6] = Field(
+        default={},
+        description="true inertia about the centre of mass, by name as in mass, in the form of objects; it does not "
+        "scale with the mass [kg m^2]",
+    )
+    contact_inset: dict[str, Distance] = Field(
+        default={},
+        description="how much smaller than its shape the base of an object, or a foot, is on every side, by name [m]",
+    )
+    variation: VariationConfig = Field(
+        default=VariationConfig(), description="how true values vary from trial to trial about those above"
+    )
+
+
+class ControllerConfig(Section):
+    kp: NonNegative | tuple[NonNegative, ...] | None = Field(
+        default=None, description="proportional gain, one value or one per joint [N m/rad or N/m]"
+    )
+    ki: NonNegative | tuple[NonNegative, ...] | None = Field(
+        default=None, description="integral gain, one value or one per joint [N m/(rad s) or N/(m s)]"
+    )
+    kd: NonNegative | tuple[NonNegative, ...] | None = Field(
+        default=None, description="derivative gain, one value or one per joint [N m s/rad or N s/m]"
+    )
+    feedforward: Literal["gravity", "computed_torque"] | None = Field(
+        default=None,
+        description="torque that is added to that of the gains: gravity compensation of arm and tray, or also the "
+        "torque that the planned motion takes with the load that the planner believes; without it the first, for a "
+        "robot on its feet the second, with the planned contact forces",
+    )
+
+
+class DisturbanceConfig(Section):
+    force_deviation: tuple[NonNegative, NonNegative, NonNegative] = Field(
+        default=(0.0, 0.0, 0.0), description="standard deviation of a random force along the world's x, y, z [N]"
+    )
+    on: str | None = Field(
+        default=None,
+        description="what the force acts on, in its centre of mass: `tray` or an object, of a robot on its feet any "
+        "body; without it the tray, or the floating base",
+    )
+    hold: Positive = Field(default=0.001, description="time for which a drawn force is held [s]")
+    calibration_deviation: NonNegative | tuple[NonNegative, ...] = Field(
+        default=0.0,
+        description="standard deviation of the joints' calibration offsets, drawn once per trial, one value or one "
+        "per joint [rad or m]",
+    )
+
+
+class FailureConfig(Section):
+    slip: Positive = Field(
+        default=0.005, description="an object has slid when a point of its base has moved this far on its support [m]"
+    )
+    tilt: Positive = Field(
+        default=0.08726646259971647, description="it has tipped when it is this far from upright on its support [rad]"
+    )
+    drop: Positive = Field(default=0.005, description="it has fallen when it is this far below its place [m]")
+    lift: Positive = Field(
+        default=0.001, description="it has lost contact when all of its base is this far above its support [m]"
+    )
+    saturation: NonNegative = Field(
+        default=0.01, description="a joint torque may stay at its limit for this long without a break [s]"
+    )
+    foot_slip: Positive = Field(
+        default=0.01,
+        description="a standing foot has slipped when one of its contact points has moved this far on the floor [m]",
+    )
+    trunk_tilt: Positive = Field(
+        default=0.7853981633974483,
+        description="a robot on its feet has fallen when its floating base is this far from upright [rad]",
+    )
+    trunk_drop: Positive = Field(
+        default=0.35,
+        lt=1,
+        description="it has also fallen when its base is lower than planned by this part of the planned height",
+    )
+
+
+class ExecutionConfig(Section):
+    truth: TruthConfig = Field(
+        default=TruthConfig(), description="what the simulated world really is; the planner never reads it"
+    )
+    timestep: Positive = Field(default=0.001, description="time step; objects drift in proportion to it [s]")
+    controller: ControllerConfig = Field(
+        default=ControllerConfig(),
+        description="joint controller; gains not given are those of the model file, else from the joint's inertia",
+    )
+    disturbance: DisturbanceConfig = Field(default=DisturbanceConfig(), description="random force during the execution")
+    hold: tuple[NonNegative, NonNegative] = Field(
+        default=(0.2, 0.6), description="time for which the robot stands still before and after the motion [s]"
+    )
+    failure: FailureConfig = Field(default=FailureConfig(), description="what counts as a failure")
+    trials: int = Field(default=100, ge=1, le=1_000_000, description="number of Monte Carlo trials")
+    confidence: Positive = Field(
+        default=0.95, lt=1, description="level of the Clopper-Pearson interval of the success rate"
+    )

@@ -1,0 +1,56 @@
+"""What all sections of the configuration are made of: numbers with their bounds, and how a section is read.
+
+Lengths, masses and friction are bounded to what a robot can carry, so that no later computation overflows (our choice).
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+
+Real = FiniteFloat
+Positive = Annotated[FiniteFloat, Field(gt=0)]
+NonNegative = Annotated[FiniteFloat, Field(ge=0)]
+Length = Annotated[FiniteFloat, Field(ge=1e-6, le=100)]
+Coordinate = Annotated[FiniteFloat, Field(ge=-1000, le=1000)]
+Acceleration = Annotated[FiniteFloat, Field(ge=-1e6, le=1e6)]
+Distance = Annotated[FiniteFloat, Field(ge=0, le=100)]
+Mass = Annotated[FiniteFloat, Field(ge=1e-6, le=1e6)]
+Friction = Annotated[FiniteFloat, Field(ge=1e-6, le=100)]
+Level = Annotated[FiniteFloat, Field(gt=0, lt=1)]
+Point2 = tuple[Coordinate, Coordinate]
+Point3 = tuple[Coordinate, Coordinate, Coordinate]
+Size = tuple[Length, Length, Length]
+Vector3 = tuple[Real, Real, Real]
+Vector4 = tuple[Real, Real, Real, Real]
+Vector6 = tuple[Real, Real, Real, Real, Real, Real]
+Acceleration3 = tuple[Acceleration, Acceleration, Acceleration]
+Interval = tuple[Real, Real]
+
+
+class Section(BaseModel):
+    """A part of the configuration: immutable, unknown keys are errors, an empty section is all defaults."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _empty_section(cls, data: Any) -> Any:
+        return {} if data is None else data
+
+
+class Pose(Section):
+    position: Point3 = Field(default=(0.0, 0.0, 0.0), description="position [m]")
+    rpy: Vector3 = Field(default=(0.0, 0.0, 0.0), description="roll, pitch, yaw about the fixed x, y, z axes [rad]")
+
+
+class AccelerationError(Section):
+    mean: Real | tuple[Real, ...] = Field(
+        default=0.0,
+        description="mean U of the executed minus the planned joint acceleration, one value or one per joint [rad/s^2]",
+    )
+    deviation: NonNegative | tuple[NonNegative, ...] = Field(
+        default=0.0, description="standard deviation D of it, one value or one per joint [rad/s^2]"
+    )
+    K: NonNegative = Field(default=1.0, description="the plan survives every error in [U - K D, U + K D]")
