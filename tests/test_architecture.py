@@ -42,7 +42,7 @@ LAYERS = [
     ["problem"],
     ["timescaling"],
     ["batch", "diagnosis", "certificate", "trajectory"],
-    ["foot_forces"],
+    ["contact_forces"],
     ["confidence"],
     ["execution"],
     ["learning"],

@@ -23,7 +23,7 @@ from robustopt.execution.simulation import Workspace
 from robustopt.execution.trace import trace
 from robustopt.execution.truth import TrueBody, World
 from robustopt.execution.walker_scene import WalkerScene
-from robustopt.foot_forces import planned_forces
+from robustopt.contact_forces import planned_forces
 from robustopt.learning.learner import Belief
 from robustopt.learning.moments import ErrorInterval
 from robustopt.path.footsteps import footsteps

@@ -18,7 +18,7 @@ from robustopt.certificate import certify
 from robustopt.cli import run
 from robustopt.config import Config, load_config, with_values
 from robustopt.errors import ConfigError, PathError, RobotError
-from robustopt.foot_forces import planned_forces
+from robustopt.contact_forces import planned_forces
 from robustopt.learning.learner import Belief
 from robustopt.path.footsteps import footsteps
 from robustopt.path.walking_path import WalkingPath

@@ -21,10 +21,12 @@ from robustopt.config.learning_model import FirstBelief, LearningConfig
 from robustopt.config.model import (
     BASE_COORDINATES,
     FEET,
+    HANDS,
     Config,
     ObjectConfig,
     PathConfig,
     PathTolerance,
+    RailConfig,
     StanceConfig,
     TrayConfig,
     TrayPose,
@@ -37,6 +39,7 @@ from robustopt.models import MODELS
 __all__ = [
     "BASE_COORDINATES",
     "FEET",
+    "HANDS",
     "AccelerationError",
     "Config",
     "DisturbanceConfig",
@@ -48,6 +51,7 @@ __all__ = [
     "PathConfig",
     "PathTolerance",
     "Pose",
+    "RailConfig",
     "StanceConfig",
     "TrayConfig",
     "TrayPose",

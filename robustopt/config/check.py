@@ -12,7 +12,7 @@ import numpy as np
 
 from robustopt.config.document import Key, show_key
 from robustopt.config.geometry import RESOLUTION, supports
-from robustopt.config.model import FEET, Config, ObjectConfig, TrayConfig, TrayPose
+from robustopt.config.model import Config, ObjectConfig, TrayConfig, TrayPose
 from robustopt.config.scene_check import check_scene
 from robustopt.config.step_check import check_steps
 
@@ -73,7 +73,7 @@ def _unknown(name: str, valid: Collection[str]) -> str:
 def _references(config: Config, names: Collection[str]) -> Iterator[Finding]:
     interfaces, bodies = (*names, "default"), ("tray", *names)
     if config.walks:  # bodies are those of the robot's model, which is not read yet
-        names, interfaces = FEET, (*FEET, "default")
+        names, interfaces = config.interfaces, (*config.interfaces, "default")
     uncertain, execution = config.uncertainty, config.execution
     per_name: list[tuple[Key, Any, Collection[str]]] = [
         (("contact", "friction"), config.contact.friction, interfaces),
@@ -107,7 +107,7 @@ def _references(config: Config, names: Collection[str]) -> Iterator[Finding]:
         if key == ("contact", "friction") and "default" not in values:
             missing = [name for name in names if name not in values]
             if missing:
-                each = "foot" if config.walks else "object"
+                each = "object" if not config.walks else "foot" if config.path.rail is None else "foot and hand"
                 yield key, f"no value for {', '.join(missing)}; expected one for each {each}, or `default`"
 
 

@@ -5,7 +5,7 @@ A polygon is an array of its corners, shape (n, 2), counter-clockwise, [m]; an e
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations
@@ -125,6 +125,39 @@ def _cut(polygon: Array, normal: Array, offset: Array) -> Array:
 def _without_repetitions(polygon: Array) -> Array:
     step = np.linalg.norm(polygon - np.roll(polygon, 1, axis=0), axis=1)
     return np.asarray(polygon[step > RESOLUTION])
+
+
+def common_direction(normals: Sequence[Array], friction: Sequence[float]) -> Array | None:
+    """A unit vector (3,) that all forces in the friction cones of some contacts have a positive part along, or None.
+
+    normals: of the contacts, (3,) each, not more than two different ones; friction: coefficient of each. A direction at
+    an angle a from a normal is such for its cone if a + atan(mu) < 90 degrees; between two normals the middle of what
+    both allow is taken. Without one, contacts could press against each other with any force (our choice).
+    """
+    first, cones = normals[0], np.arctan(friction)
+    angles = np.arccos(np.clip(np.array(normals) @ first, -1.0, 1.0))
+    angle, other = float(angles.max()), normals[int(np.argmax(angles))]
+    if angle < 1e-6:
+        return first
+    here = angles < 0.5 * angle
+    low = max(0.0, angle + float(cones[~here].max()) - 0.5 * np.pi)
+    high = min(angle, 0.5 * np.pi - float(cones[here].max()))
+    if low >= high or angle > np.pi - 1e-6:
+        return None
+    across = other - np.cos(angle) * first
+    middle = 0.5 * (low + high)
+    return np.asarray(np.cos(middle) * first + np.sin(middle) * across / np.linalg.norm(across))
+
+
+def contact_axes(normal: Sequence[float], along: Sequence[float]) -> Array:
+    """Axes of a contact as columns (3, 3): z is its normal, x what of a direction is at a right angle to that.
+
+    The vectors may have any length, but must not be parallel.
+    """
+    z = np.asarray(normal, dtype=float) / np.linalg.norm(normal)
+    x = np.asarray(along, dtype=float) - (np.asarray(along) @ z) * z
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])
 
 
 # Where the objects stand ----------------------------------------------------------------------------------

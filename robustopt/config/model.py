@@ -35,7 +35,10 @@ from robustopt.config.section import (
 )
 
 FEET = ("left_foot", "right_foot")
-"""Names of the contacts of a robot on its feet."""
+"""Names of the feet of a robot that steps: its contacts, with the hand that it has on a rail, if any."""
+
+HANDS = ("left_hand", "right_hand")
+"""Names of its hands."""
 
 BASE_COORDINATES = 6
 """Coordinates of the floating base of such a robot: they come before its joints."""
@@ -123,7 +126,7 @@ class ContactConfig(Section):
     friction: Friction | dict[str, Friction] = Field(
         default=0.5,
         description="coefficient of friction the planner believes: one value, or one per object for the interface "
-        "under it (`default` for the rest); where it is not given and uncertainty.friction is, the middle of that",
+        "under it, per foot and hand of a robot on its feet (`default` for the rest); where it is not given and uncertainty.friction is, the middle of that",
     )
     cone_edges: int = Field(
         default=16, ge=3, le=64, description="edges of the inner approximation of each friction cone"
@@ -153,6 +156,26 @@ class StepConfig(Section):
 class StanceConfig(Section):
     left: Point2 = Field(description="middle of the left sole on the floor, x and y in the world [m]")
     right: Point2 = Field(description="middle of the right sole on the floor, x and y in the world [m]")
+
+
+class RailConfig(Section):
+    hand: Literal["left", "right"] = Field(description="the hand that rests on the rail")
+    at: Point3 = Field(description="where the middle of its palm rests on the rail, in the world [m]")
+    size: tuple[Length, Length] = Field(
+        description="edge lengths of the part of the palm that touches the rail, along the rail and across it [m]"
+    )
+    normal: Vector3 = Field(
+        default=(0.0, 0.0, 1.0), description="direction out of the rail at that place, of any length but 0"
+    )
+    along: Vector3 = Field(
+        default=(1.0, 0.0, 0.0),
+        description="direction of the rail, and of the fingers: what of it is at a right angle to the normal",
+    )
+
+    @property
+    def contact(self) -> str:
+        """Name of the contact, which is that of the hand's site in the model."""
+        return f"{self.hand}_hand"
 
 
 class PathConfig(Section):
@@ -189,6 +212,9 @@ class PathConfig(Section):
         default=None,
         description="with steps: height of the pelvis over the soles; without it that of the model's first keyframe "
         "[m]",
+    )
+    rail: RailConfig | None = Field(
+        default=None, description="with steps: a rail on which a hand rests in one place all the way"
     )
 
 
@@ -290,4 +316,6 @@ class Config(Section):
     @property
     def interfaces(self) -> tuple[str, ...]:
         """Names of the contacts whose friction and contact points the planner has beliefs about."""
-        return FEET if self.walks else tuple(self.objects)
+        if not self.walks:
+            return tuple(self.objects)
+        return FEET if self.path.rail is None else (*FEET, self.path.rail.contact)

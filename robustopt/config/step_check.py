@@ -7,13 +7,16 @@ from collections.abc import Iterator
 import numpy as np
 
 from robustopt.config.document import Key
-from robustopt.config.geometry import RESOLUTION
-from robustopt.config.model import Config, StanceConfig, TrayConfig
+from robustopt.config.geometry import RESOLUTION, common_direction
+from robustopt.config.model import FEET, Config, RailConfig, StanceConfig, TrayConfig
 
 Finding = tuple[Key, str]
 
 POINTS_PER_PHASE = 8
 """Intervals of the grid per phase of a path with steps: every lift and landing of a foot is a grid point of its own."""
+
+PARALLEL = 1e-3
+"""Sine of the angle between two directions below which they are taken for one (our choice)."""
 
 
 def check_steps(config: Config) -> Iterator[Finding]:
@@ -21,6 +24,8 @@ def check_steps(config: Config) -> Iterator[Finding]:
     if config.walks:
         yield from _without_tray(config)
         yield from _steps(config)
+        if config.path.rail is not None:
+            yield from _rail(config, config.path.rail)
     else:
         yield from _with_tray(config)
 
@@ -32,6 +37,8 @@ def _with_tray(config: Config) -> Iterator[Finding]:
         yield ("tray",), f"missing; expected {what}, or path.steps for a robot on its feet"
     if isinstance(config.path.start, StanceConfig):
         yield ("path", "start"), "found where the feet stand; expected joint positions, or path.steps"
+    if config.path.rail is not None:
+        yield ("path", "rail"), "found it without path.steps; only a robot on its feet has a hand on a rail"
     if np.any(config.uncertainty.base_acceleration):
         yield ("uncertainty", "base_acceleration"), "found it without path.steps; only a robot on its feet has it"
 
@@ -85,3 +92,31 @@ def _steps(config: Config) -> Iterator[Finding]:
         if standing["left"][1] <= standing["right"][1]:
             yield ("path", "steps", k, "to"), "the feet would cross; expected the left foot to the left of the right"
             return
+
+
+def _rail(config: Config, rail: RailConfig) -> Iterator[Finding]:
+    key: Key = ("path", "rail")
+    if rail.at[2] <= 0.0:
+        yield (*key, "at"), f"found a height of {rail.at[2]:g} m; expected a place above the floor"
+    normal, along = np.array(rail.normal), np.array(rail.along)
+    for name, vector in (("normal", normal), ("along", along)):
+        if np.linalg.norm(vector) < RESOLUTION:
+            yield (*key, name), f"found {vector.tolist()}, which has no direction; expected three numbers, not all zero"
+            return
+    normal, along = normal / np.linalg.norm(normal), along / np.linalg.norm(along)
+    if np.linalg.norm(np.cross(normal, along)) < PARALLEL:
+        yield (*key, "along"), "found the direction of the normal; expected one along the rail"
+    most = [_most_friction(config, name) for name in (*FEET, rail.contact)]
+    if common_direction([np.array([0.0, 0.0, 1.0])] * 2 + [normal], most) is None:
+        message = (
+            f"found {list(rail.normal)}, with which the hand and the feet could press against each other with any force "
+            f"at a friction of up to {max(most[:2]):g} and {most[2]:g}; expected one that points up more, or less friction"
+        )
+        yield (*key, "normal"), message
+
+
+def _most_friction(config: Config, name: str) -> float:
+    """Largest coefficient of friction that the configuration gives a contact."""
+    given = (config.contact.friction, config.uncertainty.friction)
+    own = [value.get(name, value.get("default")) if isinstance(value, dict) else value for value in given]
+    return max((float(np.max(value)) for value in own if value is not None), default=0.0)

@@ -103,9 +103,13 @@ def friction_edges(mu: float, edges: int) -> Array:
     return np.column_stack([mu * np.cos(angle), mu * np.sin(angle), np.ones(edges)])
 
 
-def wrench_generators(points: Array, mu: float, edges: int) -> Array:
-    """Wrenches about the origin of edge forces at `points` (n, 3), shape (6, n * edges)."""
-    forces = np.tile(friction_edges(mu, edges), (len(points), 1))
+def wrench_generators(points: Array, mu: float, edges: int, axes: Array | None = None) -> Array:
+    """Wrenches about the origin of edge forces at `points` (n, 3), shape (6, n * edges).
+
+    axes: of the contact as columns (3, 3), its normal last; those of the points without
+    """
+    forces = friction_edges(mu, edges) if axes is None else friction_edges(mu, edges) @ axes.T
+    forces = np.tile(forces, (len(points), 1))
     arms = np.repeat(points, edges, axis=0)
     return np.column_stack([forces, np.cross(arms, forces)]).T
 

@@ -11,6 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from robustopt.config import FEET
+
 Array = np.ndarray
 
 SOFTNESS = 1e-10
@@ -24,6 +26,15 @@ STEPS, HALVINGS = 60, 12
 
 DONE = 1e-9
 """Residual of the dual's gradient, relative to the weight, at which an instant is solved."""
+
+
+HAND_SHARE = 0.05
+"""How willingly the edges of a hand are used, against 1 for those of a foot: arms are weaker than legs (our choice)."""
+
+
+def willingness(contact: str) -> float:
+    """The a_k of the edges of a contact that holds: a foot or a hand."""
+    return 1.0 if contact in FEET else HAND_SHARE
 
 
 def distribute(generators: Array, shares: Array, wrench: Array, weight: float) -> tuple[Array, Array]:

@@ -1,8 +1,9 @@
 """Contacts of a robot on its feet: one contact system per stance.
 
-A stance is a phase of the path in which the same feet stand in the same places. The wrench that the robot needs, about
-the world's origin, must lie in the cone of all contact forces of the standing feet. The soles are level, so every edge
-of a friction cone has a unit normal force, and the facets of the cone are those of the hull of its section.
+A stance is a phase of the path in which the same contacts rest in the same places: one foot or both, and a hand that is
+on a rail. The wrench that the robot needs, about the world's origin, must lie in the cone of all their forces. There is
+a direction that all these forces point along, for level soles up; the facets of the cone are those of the hull of its
+section by unit force in that direction.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from robustopt.config.geometry import RESOLUTION, area, erode
+from robustopt.config.geometry import RESOLUTION, area, common_direction, contact_axes, erode
 from robustopt.contact import ContactSystem, about_point, patch_facets, tips, wrench_generators
 from robustopt.errors import ConfigError
 from robustopt.path.footsteps import Stance
@@ -24,11 +25,12 @@ FACET_MERGE = 1e-9
 """Facets whose normals agree to this are one that the hull code has triangulated."""
 
 ROBOT = "robot"
-"""Name of the one body that the feet balance: the robot as a whole."""
+"""Name of the one body that the contacts balance: the robot as a whole."""
 
 
-def sole(points: Array, shift: float, name: str) -> Array:
-    """Contact points of a foot (k, 3) with each one `shift` inside its place along x and y: what is left (k, 2) [m].
+def eroded_sole(points: Array, shift: float, name: str) -> Array:
+    """Contact points of a foot or hand (k, 3) with each one `shift` inside its place along x and y: what is left (k, 2)
+    [m].
 
     Raises ConfigError if nothing is left.
     """
@@ -47,20 +49,24 @@ def stance_system(
 ) -> ContactSystem:
     """The contact system of a stance: wrenches about the world's origin.
 
-    soles: contact points of each foot around its middle, (k, 2) [m]; friction: coefficient under each foot
+    soles: contact points of each contact around its middle, (k, 2) [m]; friction: coefficient of each
     """
-    feet = stance.feet
-    points = [np.column_stack([soles[name] + stance.places[name], np.zeros(len(soles[name]))]) for name in feet]
-    parts = [wrench_generators(p, friction[name], edges) for p, name in zip(points, feet, strict=True)]
-    if len(feet) == 1:
-        center = np.append(stance.places[feet[0]], 0.0)
-        facets = patch_facets(soles[feet[0]], friction[feet[0]], edges)
+    names = stance.contacts
+    points = [place.world(soles[name]) for name, place in stance.places.items()]
+    parts = [
+        wrench_generators(p, friction[name], edges, place.axes)
+        for p, (name, place) in zip(points, stance.places.items(), strict=True)
+    ]
+    if len(names) == 1:
+        center = stance.places[names[0]].position
+        facets = patch_facets(soles[names[0]], friction[names[0]], edges)
     else:
         center = np.concatenate(points).mean(axis=0)
-        facets = _joint_facets(
-            tuple(_key(p - center, friction[name]) for p, name in zip(points, feet, strict=True)), edges
-        )
-    where = f"{feet[0].replace('_', ' ')}" if len(feet) == 1 else "both feet"
+        keys = [
+            _key(p - center, friction[name], place.axes)
+            for p, (name, place) in zip(points, stance.places.items(), strict=True)
+        ]
+        facets = _joint_facets(tuple(keys), edges)
     facets, generators = facets @ about_point(center), np.hstack(parts)
     return ContactSystem(
         objects=(ROBOT,),
@@ -69,31 +75,59 @@ def stance_system(
         generators=generators,
         facets=facets,
         kinds=tips(facets, generators, edges).astype(np.int64),
-        names=(f"slip of {where}", f"tipping over {where}"),
+        names=(f"slip of {stance.words}", f"tipping over {stance.words}"),
         edges=edges,
-        interfaces=feet,
+        interfaces=names,
     )
 
 
-Key = tuple[tuple[tuple[float, ...], ...], float]
+Rows = tuple[tuple[float, ...], ...]
+Key = tuple[Rows, float, Rows]
 
 
-def _key(points: Array, mu: float) -> Key:
-    return tuple(map(tuple, np.round(points[:, :2], 12).tolist())), mu
+def _key(points: Array, mu: float, axes: Array) -> Key:
+    """A contact as something that can be looked up: its points (k, 3), friction and axes (3, 3)."""
+    return _rows(points), mu, _rows(axes)
+
+
+def _rows(array: Array) -> Rows:
+    return tuple(map(tuple, np.round(array, 12).tolist()))
 
 
 @lru_cache(maxsize=64)
-def _joint_facets(feet: tuple[Key, ...], edges: int) -> Array:
-    """Facets of several level feet with a coefficient of friction each, moments about a point between them, (F, 6).
+def _joint_facets(contacts: tuple[Key, ...], edges: int) -> Array:
+    """Facets of several contacts with a coefficient of friction each, moments about a point between them, (F, 6).
 
-    Scaled to a coefficient -1 of the normal force, as those of one patch.
+    Scaled to -1 for the mean of all edge forces, whose part along the common direction is 1: for level soles to a
+    coefficient -1 of the normal force, as those of one patch. Raises ValueError where there is no common direction.
     """
-    parts = [wrench_generators(np.column_stack([p, np.zeros(len(p))]), mu, edges) for p, mu in feet]
-    section = np.hstack(parts)[[0, 1, 3, 4, 5]].T
+    frames = [np.array(axes) for _, _, axes in contacts]
+    direction = common_direction([axes[:, 2] for axes in frames], [mu for _, mu, _ in contacts])
+    if direction is None:
+        raise ValueError("contacts that can press against each other have no common direction")
+    turn = _turn_to(direction)
+    parts = [
+        wrench_generators(np.array(points), mu, edges, axes)
+        for (points, mu, _), axes in zip(contacts, frames, strict=True)
+    ]
+    turned = turn @ np.hstack(parts)
+    section = (turned / turned[2])[[0, 1, 3, 4, 5]].T
+    middle = np.round(section.mean(axis=0), 12)
+    section = section - middle
     size = np.abs(section).max(axis=0)
     equations = ConvexHull(section / size).equations
-    facets = np.column_stack([equations[:, :2], equations[:, 5], equations[:, 2:5]])
-    facets /= np.array([size[0], size[1], 1.0, size[2], size[3], size[4]])
-    facets /= -facets[:, 2:3]
-    _, first = np.unique(np.round(facets * np.r_[size[:2], 1.0, size[2:]] / FACET_MERGE), axis=0, return_index=True)
-    return np.asarray(facets[np.sort(first)])
+    normals, distance = equations[:, :5], -equations[:, 5]
+    rows = normals / distance[:, None]
+    _, first = np.unique(np.round(rows / FACET_MERGE), axis=0, return_index=True)
+    rows = rows[np.sort(first)] / size
+    facets = np.insert(rows, 2, -1.0 - rows @ middle, axis=1)
+    return np.asarray(facets @ turn)
+
+
+def _turn_to(direction: Array) -> Array:
+    """Matrix that takes wrenches into axes whose z is a direction, (6, 6)."""
+    least = np.eye(3)[int(np.argmin(np.abs(direction)))]
+    axes = np.eye(3) if direction[2] == 1.0 else contact_axes(direction, least)
+    turn = np.zeros((6, 6))
+    turn[:3, :3] = turn[3:, 3:] = axes.T
+    return turn

@@ -14,7 +14,7 @@ from robustopt.execution.controller import Reference, gains_of, reference, requi
 from robustopt.execution.feedback import Feedback, feedback_of
 from robustopt.execution.monte_carlo import Job, Workers, run_all
 from robustopt.execution.outcome import Status, TrialOutcome
-from robustopt.foot_forces import planned_forces
+from robustopt.contact_forces import planned_forces
 from robustopt.timescaling import Plan
 from robustopt.timescaling.plan import controls_of
 from robustopt.trajectory import Trajectory

@@ -16,7 +16,7 @@ from robustopt.execution.monte_carlo import outcome_of, simulate_trials, trackin
 from robustopt.execution.outcome import Motion, TrialOutcome
 from robustopt.execution.simulation import Workspace
 from robustopt.execution.walker_scene import WalkerLayout, WalkerScene
-from robustopt.foot_forces import FootForces, planned_forces
+from robustopt.contact_forces import ContactForces, planned_forces
 from robustopt.timescaling import Plan
 
 Array = NDArray[np.float64]
@@ -44,7 +44,7 @@ class Trace:
     joint_names: tuple[str, ...]
     thresholds: Mapping[str, float]
     feet: Mapping[str, FootContact] = field(default_factory=dict)
-    planned_feet: FootForces | None = None
+    planned_feet: ContactForces | None = None
 
 
 def trace(config: Config, plan: Plan, trial: int, seed: int | None = None, speed: float = 1.0) -> Trace:

@@ -1,8 +1,9 @@
-"""Footsteps: which feet stand where, when a foot swings, and where the centre of mass goes meanwhile.
+"""Footsteps: what rests where, when a foot swings, and where the centre of mass goes meanwhile.
 
 The path has 2 K + 1 phases for K steps, all of the same length in s: both feet, one foot, both feet, and so on. The
 swinging foot moves along a polynomial of fifth degree (x, y) and one of sixth degree (z), at rest at both ends. The
-centre of mass follows a cubic spline that passes inside the standing foot while the other one swings (our choice).
+centre of mass follows a cubic spline that passes inside the standing foot while the other one swings (our choice). A
+hand on a rail stays in its place all the way.
 """
 
 from __future__ import annotations
@@ -12,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from robustopt.config import Config, StanceConfig
+from robustopt.config import FEET, Config, StanceConfig
+from robustopt.config.geometry import contact_axes
 
 Array = np.ndarray
 
@@ -25,30 +27,57 @@ SLACK = 1.0 / 3.0
 straight line there would have to be entered with a sharper turn."""
 
 
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Where a contact rests, or a foot is in the air: `position` of the middle of its sole in the world (3,) [m], `axes`
+    of its frame as columns (3, 3), z away from what it rests on."""
+
+    position: Array
+    axes: Array
+
+    def world(self, points: Array) -> Array:
+        """Points in the frame of the contact, (k, 2) in its plane or (k, 3), in the world (k, 3)."""
+        flat = points.shape[1] == 2
+        return self.position + points @ (self.axes[:, :2] if flat else self.axes).T
+
+
+def on_floor(position: Array) -> Place:
+    """The place of a level sole, its middle at (2,) or (3,) [m]."""
+    return Place(np.append(position, np.zeros(3 - len(position))), np.eye(3))
+
+
 @dataclass(frozen=True)
 class Stance:
-    """A phase of the path: `begin` to `end` in s, the feet that stand, and the step during which only one does.
+    """A phase of the path: `begin` to `end` in s, what rests where, and the step during which only one foot does.
 
-    places: where the standing feet are, middle of the sole on the floor, (2,) by name [m]; step: index, -1 for none
+    places: of the contacts that hold, by name, feet first; step: index, -1 for none
     """
 
     begin: float
     end: float
-    places: dict[str, Array]
+    places: dict[str, Place]
     step: int
 
     @property
-    def feet(self) -> tuple[str, ...]:
+    def contacts(self) -> tuple[str, ...]:
         return tuple(self.places)
+
+    @property
+    def words(self) -> str:
+        """Its contacts as a person names them: "both feet", "left foot and right hand"."""
+        feet = [name for name in self.places if name in FEET]
+        others = [name for name in self.places if name not in FEET]
+        named = ["both feet" if len(feet) == 2 else feet[0], *others]
+        return " and ".join(name.replace("_", " ") for name in named)
 
 
 @dataclass(frozen=True)
 class Footsteps:
-    """The phases of a path, K steps: `start`, `steps`: places of the feet before and after each step, (2,) by name;
-    `swings`: foot of each step; `com`: x, y of the centre of mass as a spline over s; `lift` [m]
+    """The phases of a path, K steps: `places`: of the contacts before the first and after each step, by name; `swings`:
+    foot of each step; `com`: x, y of the centre of mass as a spline over s; `lift` [m]
     """
 
-    places: tuple[dict[str, Array], ...]
+    places: tuple[dict[str, Place], ...]
     swings: tuple[str, ...]
     com: CubicSpline
     lift: float
@@ -69,16 +98,29 @@ class Footsteps:
             result.append(Stance(k / self.phases, (k + 1) / self.phases, places, step))
         return tuple(result)
 
-    def soles(self, s: float) -> dict[str, Array]:
-        """Middle of both soles at s, (3,) each, world [m]."""
+    def label(self, s: float) -> str:
+        """Where `s` is, e.g. "during steps[0], right foot in the air, at 40 %"."""
         phase = min(int(s * self.phases), self.phases - 1)
-        after = self.places[(phase + 1) // 2]
-        result = {name: np.append(place, 0.0) for name, place in after.items()}
+        share = f"at {100 * (s * self.phases - phase):.0f} %"
+        step, count = phase // 2, len(self.swings)
+        if phase % 2:
+            return f"during steps[{step}], {self.swings[step].replace('_', ' ')} in the air, {share}"
+        if step == 0:
+            return f"before steps[0], on both feet, {share}"
+        if step == count:
+            return f"after steps[{count - 1}], on both feet, {share}"
+        return f"between steps[{step - 1}] and steps[{step}], on both feet, {share}"
+
+    def at(self, s: float) -> dict[str, Place]:
+        """Where all contacts are at s, that of a swinging foot in the air."""
+        phase = min(int(s * self.phases), self.phases - 1)
+        result = dict(self.places[(phase + 1) // 2])
         if phase % 2:
             foot, t = self.swings[phase // 2], s * self.phases - phase
-            before = self.places[phase // 2][foot]
+            before, after = self.places[phase // 2][foot].position[:2], result[foot].position[:2]
             way = t**3 * (10.0 - 15.0 * t + 6.0 * t * t)
-            result[foot] = np.append(before + way * (after[foot] - before), self.lift * 64.0 * (t * (1.0 - t)) ** 3)
+            height = self.lift * 64.0 * (t * (1.0 - t)) ** 3
+            result[foot] = on_floor(np.append(before + way * (after - before), height))
         return result
 
 
@@ -87,11 +129,14 @@ def footsteps(config: Config) -> Footsteps:
     start, steps = config.path.start, config.path.steps
     assert isinstance(start, StanceConfig)
     assert steps is not None
-    places = [{"left_foot": np.array(start.left), "right_foot": np.array(start.right)}]
+    feet = [{"left_foot": np.array(start.left), "right_foot": np.array(start.right)}]
     for step in steps:
-        places.append(places[-1] | {f"{step.foot}_foot": np.array(step.to)})
+        feet.append(feet[-1] | {f"{step.foot}_foot": np.array(step.to)})
     swings = tuple(f"{step.foot}_foot" for step in steps)
-    return Footsteps(tuple(places), swings, _com(places, swings, config.path.inset), config.path.lift)
+    rail = config.path.rail
+    hand = {rail.contact: Place(np.array(rail.at), contact_axes(rail.normal, rail.along))} if rail else {}
+    places = tuple({name: on_floor(place) for name, place in standing.items()} | hand for standing in feet)
+    return Footsteps(places, swings, _com(feet, swings, config.path.inset), config.path.lift)
 
 
 def _com(places: list[dict[str, Array]], swings: tuple[str, ...], inset: float) -> CubicSpline:

@@ -2,15 +2,19 @@
 
 The pelvis stays upright at its height; its place in the plane and the twelve joints of the legs follow from the centre
 of mass and the poses of the two soles, fourteen equations for as many unknowns, solved by Newton's method along the
-path. Waist and arms keep the posture of the model.
+path. A hand on a rail adds the pose of its palm and the joints of its arm. An arm of more than six joints is free to
+move with its hand in place: along the path it does so as little as it can, drawn towards the posture of the model (our
+choice). Waist and free arms keep that posture.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from robustopt.config import Config
+from robustopt.config import HANDS, Config
 from robustopt.errors import PathError
 from robustopt.path import Path
 from robustopt.path.footsteps import Footsteps, footsteps
@@ -34,6 +38,15 @@ LIMIT_TOLERANCE = 1e-6
 POINTS_PER_CHECK = 10
 """Points in each interval between two solutions at which the joint limits are checked."""
 
+PULL = 0.05
+"""Part of the way to the posture of the model that a redundant arm goes from one solution to the next."""
+
+STARTS, SETTLING = 16, 20
+"""Postures of an arm from which that at the start of the path is sought, and steps in which it settles there."""
+
+SETTLING_PULL = 0.5
+"""Part of the way to the posture of the model that an arm goes in each of these steps."""
+
 
 class WalkingPath(Path):
     """q(s) of a walking robot: one piece, C4; `footsteps` says when which foot stands where.
@@ -50,70 +63,122 @@ class WalkingPath(Path):
 
     def label(self, s: float) -> str:
         """Where `s` is, e.g. "during steps[0], right foot in the air, at 40 %"."""
-        phase = min(int(s * self.footsteps.phases), self.footsteps.phases - 1)
-        share = f"at {100 * (s * self.footsteps.phases - phase):.0f} %"
-        step = phase // 2
-        if phase % 2:
-            return f"during steps[{step}], {self.footsteps.swings[step].replace('_', ' ')} in the air, {share}"
-        count = len(self.footsteps.swings)
-        if step == 0:
-            return f"before steps[0], on both feet, {share}"
-        if step == count:
-            return f"after steps[{count - 1}], on both feet, {share}"
-        return f"between steps[{step - 1}] and steps[{step}], on both feet, {share}"
+        return self.footsteps.label(s)
 
 
 def build_walking_path(config: Config, walker: Walker) -> WalkingPath:
     """The path of the configuration. Raises PathError where the legs are too short or a joint leaves its range."""
     steps = footsteps(config)
     s = np.linspace(0.0, 1.0, POINTS_PER_PHASE * steps.phases + 1)
-    q = np.empty((len(s), walker.n))
-    guess = walker.posture.copy()
-    guess[:2] = steps.com(0.0)
-    for i, si in enumerate(s):
-        guess, error = _solve(walker, steps, float(si), guess)
-        if error > ACCURACY:
-            raise PathError(_unreachable(steps, float(si)), key=_key(steps, float(si)))
-        q[i] = guess
-    path = WalkingPath(steps, s, q)
-    _require_limits(path, walker, s)
+    failures = []
+    for start in _starts(config, walker, steps):
+        try:
+            path = WalkingPath(steps, s, _followed(walker, steps, s, start))
+            _require_limits(path, walker, s)
+        except PathError as error:
+            failures.append(error)
+        else:
+            break
+    else:
+        raise failures[0]
     if config.robot.collision.check:
         _require_no_collision(path, walker, s)
     return path
 
 
-def _solve(walker: Walker, steps: Footsteps, s: float, q: Array) -> tuple[Array, float]:
-    """q (n,) near the given one with the centre of mass and the soles in their places at s, and the error left."""
-    soles, com = steps.soles(s), steps.com(s)
-    legs = np.concatenate([walker.leg_joints[name] for name in walker.feet])
-    free = np.concatenate([[0, 1], legs])
+def _followed(walker: Walker, steps: Footsteps, s: Array, start: Array) -> Array:
+    """q (P, n) at the places s (P,), one after the other from near the start (n,)."""
+    q = np.empty((len(s), walker.n))
+    guess = start
+    for i, si in enumerate(s):
+        guess, errors = _solve(walker, steps, float(si), guess, PULL if i else 0.0)
+        if max(errors.values()) > ACCURACY:
+            lost = max(errors, key=lambda name: errors[name])
+            raise PathError(*_unreachable(steps, float(si), lost))
+        q[i] = guess
+    return q
+
+
+def _starts(config: Config, walker: Walker, steps: Footsteps) -> Iterator[Array]:
+    """Postures (n,) near which the path may start: that of the model; with a hand on a rail others too, since an arm
+    may have several ways to reach its place."""
+    posture = walker.posture.copy()
+    posture[:2] = steps.com(0.0)
+    if config.path.rail is None:
+        yield posture
+        return
+    arm, rng = walker.limbs[config.path.rail.contact], np.random.default_rng(0)
+    low, high = (np.clip(limit[arm], -np.pi, np.pi) for limit in (walker.limits.lower, walker.limits.upper))
+    for k in range(STARTS):
+        q = posture.copy()
+        if k:
+            q[arm] = low + (high - low) * rng.random(len(arm))
+        for _ in range(SETTLING):
+            q, _ = _solve(walker, steps, 0.0, q, SETTLING_PULL, iterations=1)
+        yield q
+
+
+def _solve(
+    walker: Walker, steps: Footsteps, s: float, q: Array, pull: float = 0.0, iterations: int = ITERATIONS
+) -> tuple[Array, dict[str, float]]:
+    """q (n,) near the given one with the centre of mass and all contacts in their places at s, and the errors left, by
+    contact and `com`.
+
+    pull: part of the way to the posture of the model that joints go which are left free
+    """
+    places, com = steps.at(s), steps.com(s)
+    names = list(walker.contacts)
+    free = np.concatenate([[0, 1], *(walker.limbs[name] for name in names)])
+    redundant = len(free) > 2 + 6 * len(names)
     q = q.copy()
-    place = np.array([soles[name] for name in walker.feet])
-    for _ in range(ITERATIONS):
-        center, com_jacobian, position, rotation, jacobians = walker.feet_and_com(q)
-        tilt = np.stack([rotation[:, 1, 2] - rotation[:, 2, 1], rotation[:, 2, 0] - rotation[:, 0, 2],
-                         rotation[:, 0, 1] - rotation[:, 1, 0]], axis=1)  # fmt: skip
-        feet = np.concatenate([place - position, 0.5 * tilt], axis=1)
-        error = np.concatenate([com - center[:2], feet.ravel()])
+    place = np.array([places[name].position for name in names])
+    back = np.array([places[name].axes.T for name in names])
+    for k in range(iterations):
+        center, com_jacobian, position, rotation, jacobians = walker.contacts_and_com(q)
+        turn = rotation @ back
+        tilt = np.stack([turn[:, 1, 2] - turn[:, 2, 1], turn[:, 2, 0] - turn[:, 0, 2],
+                         turn[:, 0, 1] - turn[:, 1, 0]], axis=1)  # fmt: skip
+        poses = np.concatenate([place - position, 0.5 * tilt], axis=1)
+        error = np.concatenate([com - center[:2], poses.ravel()])
         size = float(np.abs(error).max())
-        if size < ACCURACY:
+        pulled = redundant and pull > 0.0 and k == 0
+        if size < ACCURACY and not pulled:
             break
         J = np.concatenate([com_jacobian[:2], jacobians.reshape(-1, walker.n)])[:, free]
-        step, *_ = np.linalg.lstsq(J, error) if size > 1e-3 else (np.linalg.solve(J, error),)
+        if redundant or size > 1e-3:
+            step, *_ = np.linalg.lstsq(J, error)
+        else:
+            step = np.linalg.solve(J, error)
+        if pulled:
+            wish = pull * (walker.posture - q)[free]
+            wish[: -len(walker.limbs[names[-1]])] = 0.0
+            step = step + wish - np.linalg.lstsq(J, J @ wish)[0]
         q[free] += step * min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), LONGEST_STEP))
-    return q, size
+    flipped = np.einsum("kii->k", turn) < 1.0
+    left = np.where(flipped, np.pi, np.abs(poses).max(axis=1))
+    return q, dict(zip(names, left.tolist(), strict=True)) | {"com": float(np.abs(error[:2]).max())}
 
 
 def _key(steps: Footsteps, s: float) -> str:
+    """Key of the start or of the step that a place on the path belongs to."""
     phase = min(int(s * steps.phases), steps.phases - 1)
     return "path.start" if phase == 0 else f"path.steps[{min((phase - 1) // 2, len(steps.swings) - 1)}]"
 
 
-def _unreachable(steps: Footsteps, s: float) -> str:
-    return (
-        f"the legs do not reach both feet at s = {s:.3f}; expected a shorter or narrower step, or a lower "
-        "path.pelvis_height"
-    )
+def _unreachable(steps: Footsteps, s: float, lost: str) -> tuple[str, str]:
+    """What is out of reach at s, and the key of it; lost: contact that is furthest from its place."""
+    if lost in HANDS:
+        message = (
+            f"{steps.label(s)}: the {_words(lost)} does not reach its place on the rail; expected a rail that is nearer to "
+            "the walk, another height of it, or another direction of its normal"
+        )
+        return message, "path.rail.at"
+    message = f"the legs do not reach both feet at s = {s:.3f}; expected a shorter or narrower step, or a lower "
+    return message + "path.pelvis_height", _key(steps, s)
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ")
 
 
 def _require_no_collision(path: WalkingPath, walker: Walker, s: Array) -> None:
@@ -138,8 +203,10 @@ def _require_limits(path: WalkingPath, walker: Walker, s: Array) -> None:
         return
     value, upper = q[worst, joint], walker.limits.upper[joint]
     limit = upper if value > upper else walker.limits.lower[joint]
+    of_hand = any(joint in walker.limbs[name] for name in walker.limbs if name in HANDS)
+    remedy = "a shorter step, another path.pelvis_height, or another place of the feet"
     raise PathError(
         f"{path.label(float(fine[worst]))}: {walker.joint_names[joint]} would be at {value:.3f} rad, beyond its limit "
-        f"of {limit:.3f} rad; expected a shorter step, another path.pelvis_height, or another place of the feet",
-        key=_key(path.footsteps, float(fine[worst])),
+        f"of {limit:.3f} rad; expected {'another place of the rail' if of_hand else remedy}",
+        key="path.rail.at" if of_hand else _key(path.footsteps, float(fine[worst])),
     )

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from robustopt.foot_forces import FootForces, planned_forces
+from robustopt.contact_forces import ContactForces, planned_forces
 from robustopt.path.walking_path import WalkingPath
 from robustopt.plotting.style import BLUE, GREEN, GREY, INK, PALE, VERMILLION
 from robustopt.problem.uncertainty import friction
@@ -47,7 +47,7 @@ def foot_utilisation(config: Config, plan: Plan) -> tuple[Array, dict[str, tuple
     return forces.t, used
 
 
-def _loaded(plan: Plan, forces: FootForces) -> dict[str, NDArray[np.bool_]]:
+def _loaded(plan: Plan, forces: ContactForces) -> dict[str, NDArray[np.bool_]]:
     """Whether a foot carries enough to speak of its friction, (M,) by name."""
     robot = plan.problem.robot
     assert isinstance(robot, Walker)
@@ -110,7 +110,7 @@ def _draw_sole(axes: Axes, points: Array, colour: str) -> None:
     axes.update_datalim(points)
 
 
-def _center_of_mass(plan: Plan, forces: FootForces) -> Array:
+def _center_of_mass(plan: Plan, forces: ContactForces) -> Array:
     """Centre of mass in the plane, (M, 2) [m]."""
     path = plan.problem.path
     assert isinstance(path, WalkingPath)

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from robustopt.foot_forces import planned_forces
+from robustopt.contact_forces import planned_forces
 from robustopt.plotting.style import BLUE, INK, VERMILLION
 from robustopt.problem.uncertainty import acceleration_error
 from robustopt.trajectory import Trajectory, joint_motion

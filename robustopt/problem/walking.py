@@ -1,10 +1,11 @@
 """Limits of a robot on its feet: the same families of rows as those of an arm with a tray.
 
 The load W (n,) is the generalised force that the motion needs (see `walker`), affine in (u, x): first the wrench that
-the standing feet must exert, then the joint torques without them. An acceleration error e adds M e; the mass and the
-centre of mass of a body enter through its ten inertial parameters (see `uncertainty`), as the force that J^T makes of
-the body's wrench. On one foot the wrench of the foot is known, and a joint's torque is a row over W. On both feet it
-depends on how they share the load: rows over W are found by programs where a plan needs them (`timescaling.sharing`).
+the contacts must exert, then the joint torques without them. An acceleration error e adds M e; the mass and the centre
+of mass of a body enter through its ten inertial parameters (see `uncertainty`), as the force that J^T makes of the
+body's wrench. On one foot alone its wrench is known, and a joint's torque is a row over W. Several contacts, both feet
+or a hand on a rail too, share the load: rows over W are found by programs where a plan needs them
+(`timescaling.sharing`).
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 
 from robustopt.config import BASE_COORDINATES as BASE
 from robustopt.config import Config
-from robustopt.contact.stances import sole, stance_system
+from robustopt.contact.stances import eroded_sole, stance_system
 from robustopt.path.walking_path import WalkingPath
 from robustopt.problem.polygons import Family, Loads, Polygons, cut
 from robustopt.problem.rows import ContactFamily, evaluate
@@ -41,7 +42,7 @@ class WalkMotion:
 
 @dataclass(frozen=True, eq=False)
 class SharedRow:
-    """A row over W at one grid point that joint torques demand of a load which both feet share.
+    """A row over W at one grid point that joint torques demand of a load which several contacts share.
 
     row: (n,), constant: with row @ W + constant <= 0; joint: the one that it is named after
     """
@@ -56,10 +57,10 @@ class SharedRow:
 class StandingTorque:
     """Joint torques of a robot on its feet, rows divided by their limits: first +tau_j, then -tau_j, the base without.
 
-    B: rows over the load (P, 2n, n), 0 where they depend on how two feet share it; known: which do not (P, n); loads:
-    W; contacts: of each stance; standing: index of the stance at each grid point (P,), that of one foot at a switch;
-    dynamics, limit: of the joints (n,) [N m]; soles: contact points of each foot around its middle that the planner
-    counts on (k, 2) [m]; rows: found so far for loads that both feet share
+    B: rows over the load (P, 2n, n), 0 where they depend on how contacts share it; known: which do not (P, n); loads:
+    W; contacts: of each stance; standing: index of the stance at each grid point (P,), that of fewer contacts at a
+    switch; dynamics, limit: of the joints (n,) [N m]; soles: contact points of each contact around its middle that the
+    planner counts on (k, 2) [m]; rows: found so far for loads that are shared
     """
 
     B: Array
@@ -107,13 +108,23 @@ class StandingTorque:
             base[row.point, column, 2] = row.constant
         return Family(B, self.loads, base, np.zeros((0, 0, 0)), np.array([names[joint] for joint, _ in columns]))
 
+    def parts(self, stance: int) -> dict[str, slice]:
+        """Which generators of a stance are those of each of its contacts."""
+        system = self.contacts[stance].system
+        parts, first = {}, 0
+        for name in system.interfaces:
+            count = len(self.soles[name]) * system.edges
+            parts[name] = slice(first, first + count)
+            first += count
+        return parts
+
     def with_rows(self, rows: Sequence[SharedRow]) -> StandingTorque:
         """The same with more rows."""
         return replace(self, rows=(*self.rows, *rows))
 
     def excess(self, u: Array, x: Array, points: Array) -> Array:
-        """Largest torque over all uncertain parameters as a fraction of the limit, minus 1, (M, 2n); nan where two feet
-        share the load. u, x: (M,); points: (M,) grid point of each."""
+        """Largest torque over all uncertain parameters as a fraction of the limit, minus 1, (M, 2n); nan where
+        contacts share the load. u, x: (M,); points: (M,) grid point of each."""
         none = np.zeros((0, 0, 0))
         values = evaluate(self.B[points], self.loads.at(points), none, none, u, x) - 1.0
         return np.where(np.tile(self.known[points], 2), values, np.nan)
@@ -131,24 +142,22 @@ def walking_families(
 
     s: (P,) grid points, which hold the path's switches; loads: W (see `walking_loads`)
     """
-    on_feet = loads._replace(
+    on_base = loads._replace(
         **{name: np.ascontiguousarray(getattr(loads, name)[:, :BASE]) for name in ("nominal", "terms", "constant")},
         remainder=np.ascontiguousarray(loads.remainder[:, :BASE]),
     )
     coefficients, shift = friction(config), contact_shift(config)
-    soles = {name: sole(foot.points, shift[name], name) for name, foot in walker.feet.items()}
+    soles = {name: eroded_sole(sole.points, shift[name], name) for name, sole in walker.contacts.items()}
     borders = np.searchsorted(s, np.concatenate([[0.0], path.switches, [1.0]])).tolist()
     weight = STANDARD_GRAVITY * walker.mass
     systems = [stance_system(stance, soles, coefficients, config.contact.cone_edges) for stance in path.stances]
     contacts = tuple(
-        ContactFamily(system, on_feet, weight, first, last)
+        ContactFamily(system, on_base, weight, first, last)
         for system, first, last in zip(systems, borders[:-1], borders[1:], strict=True)
     )
     standing = np.zeros(len(s), dtype=np.intp)
-    for single in (False, True):
-        for k, family in enumerate(contacts):
-            if (len(family.system.interfaces) == 1) is single:
-                standing[family.first : family.last + 1] = k
+    for k in sorted(range(len(contacts)), key=lambda k: -len(path.stances[k].contacts)):
+        standing[contacts[k].first : contacts[k].last + 1] = k
     return contacts, _torque(walker, motion.dynamics, loads, contacts, standing, soles)
 
 
@@ -165,14 +174,14 @@ def _torque(
     known = np.ones((points, n), dtype=bool)
     rows[:, BASE:, BASE:] = np.eye(n - BASE)
     for k, family in enumerate(contacts):
-        at, feet = standing == k, family.system.interfaces
-        for name in feet:
-            leg = walker.leg_joints[name]
-            if len(feet) == 1:
-                pull = np.swapaxes(dynamics.jacobians[name][at][:, :, leg], 1, 2)
-                rows[np.ix_(np.flatnonzero(at), leg, np.arange(BASE))] = -pull
+        at, names = standing == k, family.system.interfaces
+        for name in names:
+            chain = walker.chains[name]
+            if len(names) == 1:
+                pull = np.swapaxes(dynamics.jacobians[name][at][:, :, chain], 1, 2)
+                rows[np.ix_(np.flatnonzero(at), chain, np.arange(BASE))] = -pull
             else:
-                known[np.ix_(np.flatnonzero(at), leg)] = False
+                known[np.ix_(np.flatnonzero(at), chain)] = False
     rows *= known[:, :, None]
     limit = walker.limits.torque
     B = np.concatenate([rows, -rows], axis=1) / np.r_[limit, limit][:, None]

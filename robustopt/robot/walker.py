@@ -1,5 +1,7 @@
 """A robot on its feet: kinematics and floating-base dynamics along a path, for the whole grid at once.
 
+Its contacts are both feet and, if it has one on a rail, a hand; what is said of a contact holds for each of them.
+
 Coordinates q (n,): the six of the base (see `walker_model`), then the joints. The base has no motors: the first six
 rows of the inverse dynamics, written as a wrench about the world's origin, are what the contacts must exert.
 """
@@ -14,12 +16,12 @@ import mujoco
 import numpy as np
 
 from robustopt.config import BASE_COORDINATES as BASE
-from robustopt.config import Config
+from robustopt.config import FEET, HANDS, Config
 from robustopt.errors import RobotError
 from robustopt.robot import switch_off_all_but_the_links
 from robustopt.robot.joint_limits import JointLimits, joint_limits
 from robustopt.robot.model_file import compile_spec, joint_names
-from robustopt.robot.walker_model import LEG_JOINTS, Foot, load_walker_model
+from robustopt.robot.walker_model import Sole, load_walker_model
 
 Array = np.ndarray
 
@@ -30,9 +32,9 @@ class WalkerDynamics:
 
     With u = sdd and x = sd^2 the generalised force is `force_u * u + force_x * x + force_0`, (P, n); its first six rows
     are the wrench on the robot, force then moment about the world's origin, world axes [N, N m], the others joint
-    torques [N m]. `mass_matrix` (P, n, n): generalised force per acceleration, its rows likewise. `jacobians`: per foot
-    (P, 6, n), motion of the foot's body at the world's origin, linear then angular, world axes: what a wrench w about
-    the world's origin on the foot does is J^T w, its base rows apart.
+    torques [N m]. `mass_matrix` (P, n, n): generalised force per acceleration, its rows likewise. `jacobians`: per
+    contact (P, 6, n), motion of its body at the world's origin, linear then angular, world axes: what a wrench w about
+    the world's origin on the contact does is J^T w, its base rows apart.
     """
 
     force_u: Array
@@ -71,12 +73,17 @@ TOUCH = 1e-4
 """Overlap that counts as touching [m]: rounding, well below any collision of interest."""
 
 
-class Walker:
-    """A floating base with joints and two feet.
+LEAST_JOINTS = 6
+"""Joints of a limb: at least as many as the pose of its foot or hand has coordinates."""
 
-    `joint_names` (n,): the base's coordinates first; `limits`: infinite for the base; `posture` (n,): where the base,
-    the arms and the waist stay; `feet`: contact points by name; `leg_joints`: indices of the joints that each foot
-    hangs from, (6,); `mass` [kg]; `up` (3,): against gravity
+
+class Walker:
+    """A floating base with joints, two feet, and a hand if it rests on a rail.
+
+    `joint_names` (n,): the base's coordinates first; `limits`: infinite for the base; `posture` (n,): where the base
+    and all joints stay that are in no limb; `contacts`: contact points by name; `chains`: indices of the joints between
+    the base and each contact; `limbs`: those of them that move no other foot or hand, six for a foot, at least six for
+    a hand; `mass` [kg]; `up` (3,): against gravity
     """
 
     def __init__(
@@ -85,7 +92,7 @@ class Walker:
         model: mujoco.MjModel,
         limits: JointLimits,
         posture: Array,
-        feet: Mapping[str, Foot],
+        contacts: Mapping[str, Sole],
         notes: tuple[str, ...] = (),
     ) -> None:
         switch_off_all_but_the_links(model)
@@ -95,31 +102,41 @@ class Walker:
         self.limits = limits
         self.hinges = model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE
         self.posture = posture
-        self.feet = dict(feet)
+        self.contacts = dict(contacts)
         self.notes = notes
         self.mass = float(model.body_mass.sum())
         self.up = -np.array(model.opt.gravity) / np.linalg.norm(model.opt.gravity)
         self._model = model
         self._data = mujoco.MjData(model)
-        self._sites = {name: model.site(name).id for name in feet}
-        self.leg_joints = {name: self._leg(name) for name in feet}
+        self._sites = {name: model.site(name).id for name in contacts}
+        self.chains = {name: self._chain(name) for name in contacts}
+        self.limbs = {name: self._limb(name) for name in contacts}
 
     @property
     def body_names(self) -> tuple[str, ...]:
         """Names of the bodies that have a mass."""
         return tuple(self._model.body(k).name for k in range(self._model.nbody) if self._model.body_mass[k] > 0)
 
-    def _leg(self, foot: str) -> Array:
-        """Indices of the joints between the base and a foot."""
-        chain = []
-        body = int(self._model.site_bodyid[self._sites[foot]])
+    def _chain(self, site: str) -> Array:
+        """Indices of the joints between the base and a site."""
+        chain: list[int] = []
+        body = int(self._model.site(site).bodyid[0])
         while body:
             first, count = int(self._model.body_jntadr[body]), int(self._model.body_jntnum[body])
             chain += [k for k in range(first, first + count) if k >= BASE]
             body = int(self._model.body_parentid[body])
-        if len(chain) != LEG_JOINTS:
-            raise RobotError(f"{foot} hangs from {len(chain)} joints; expected {LEG_JOINTS}", key="robot.model")
         return np.array(sorted(chain))
+
+    def _limb(self, contact: str) -> Array:
+        """Indices of the joints that move this foot or hand and no other. Raises RobotError for too few or many."""
+        sites = {self._model.site(k).name for k in range(self._model.nsite)}
+        others = [self._chain(name) for name in (*FEET, *HANDS) if name in sites and name != contact]
+        limb = np.setdiff1d(self.chains[contact], np.concatenate(others))
+        foot = contact in FEET
+        if len(limb) < LEAST_JOINTS or (foot and len(limb) > LEAST_JOINTS):
+            expected = f"{'' if foot else 'at least '}{LEAST_JOINTS} that move no other foot or hand"
+            raise RobotError(f"{contact} hangs from {len(limb)} joints; expected {expected}", key="robot.model")
+        return limb
 
     def qpos(self, q: Array) -> Array:
         """Positions (P, n + 1) of the model file, whose base is a free joint, for coordinates q (P, n)."""
@@ -129,14 +146,14 @@ class Walker:
         y, z = cz * sy * cx + sz * cy * sx, sz * cy * cx - cz * sy * sx
         return np.column_stack([q[:, :3], w, x, y, z, q[:, BASE:]])
 
-    def feet_and_com(self, q: Array) -> tuple[Array, Array, Array, Array, Array]:
-        """At one q (n,): centre of mass (3,), its Jacobian (3, n), and per foot position (k, 3), rotation (k, 3, 3) and
-        Jacobian (k, 6, n) of the sole, world."""
+    def contacts_and_com(self, q: Array) -> tuple[Array, Array, Array, Array, Array]:
+        """At one q (n,): centre of mass (3,), its Jacobian (3, n), and per contact position (k, 3), rotation (k, 3, 3)
+        and Jacobian (k, 6, n) of its site, world."""
         model, data = self._model, self._data
         data.qpos[:] = q
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
-        com_jacobian, jacobians = np.empty((3, self.n)), np.empty((len(self.feet), 6, self.n))
+        com_jacobian, jacobians = np.empty((3, self.n)), np.empty((len(self.contacts), 6, self.n))
         mujoco.mj_jacSubtreeCom(model, data, com_jacobian, 0)
         for k, site in enumerate(self._sites.values()):
             mujoco.mj_jacSite(model, data, jacobians[k, :3], jacobians[k, 3:], site)
@@ -149,7 +166,7 @@ class Walker:
         P, n = q.shape
         model, data = self._model, mujoco.MjData(self._model)
         mass_matrix, force_0, moving = np.empty((P, n, n)), np.empty((P, n)), np.empty((P, n))
-        jacobians = {name: np.empty((P, 6, n)) for name in self.feet}
+        jacobians = {name: np.empty((P, 6, n)) for name in self.contacts}
         bodies = {name: int(model.site_bodyid[site]) for name, site in self._sites.items()}
         origin = np.zeros(3)
         for i in range(P):
@@ -177,7 +194,7 @@ class Walker:
     def inverse_dynamics(
         self, q: Array, qd: Array, qdd: Array, bodies: Mapping[str, tuple[float, Array]] | None = None
     ) -> tuple[Array, Array, dict[str, Array]]:
-        """Generalised force of a motion, its change per acceleration, and the feet's Jacobians at T instants.
+        """Generalised force of a motion, its change per acceleration, and the contacts' Jacobians at T instants.
 
         By MuJoCo's inverse dynamics at each instant, base rows and Jacobians as in `WalkerDynamics`: (T, n), (T, n, n)
         and (T, 6, n) by name. q, qd, qdd: (T, n); bodies: mass [kg] and centre of mass in the body's frame (3,) [m] of
@@ -187,7 +204,7 @@ class Walker:
         data = mujoco.MjData(model)
         T, n = q.shape
         force, inertia = np.empty((T, n)), np.empty((T, n, n))
-        jacobians = {name: np.empty((T, 6, n)) for name in self.feet}
+        jacobians = {name: np.empty((T, 6, n)) for name in self.contacts}
         for t in range(T):
             data.qpos[:], data.qvel[:], data.qacc[:] = q[t], qd[t], qdd[t]
             mujoco.mj_inverse(model, data)
@@ -201,15 +218,15 @@ class Walker:
         inertia[:, :BASE] = to_wrench @ inertia[:, :BASE]
         return force, inertia, jacobians
 
-    def soles(self, q: Array) -> dict[str, Array]:
-        """Contact points of the feet in the world at q (T, n): (T, k, 3) by name [m]."""
-        places = {name: np.empty((len(q), *foot.points.shape)) for name, foot in self.feet.items()}
+    def contact_points(self, q: Array) -> dict[str, Array]:
+        """Contact points in the world at q (T, n): (T, k, 3) by name [m]."""
+        places = {name: np.empty((len(q), *sole.points.shape)) for name, sole in self.contacts.items()}
         for t, qt in enumerate(q):
             self._data.qpos[:] = qt
             mujoco.mj_kinematics(self._model, self._data)
             for name, site in self._sites.items():
                 rotation = self._data.site_xmat[site].reshape(3, 3)
-                places[name][t] = self._data.site_xpos[site] + self.feet[name].points @ rotation.T
+                places[name][t] = self._data.site_xpos[site] + self.contacts[name].points @ rotation.T
         return places
 
     def first_collision(self, q: Array) -> tuple[int, tuple[str, str], float] | None:
@@ -299,7 +316,7 @@ def load_walker(config: Config) -> Walker:
 
     Raises RobotError if the model cannot be used or has joint friction, and for unknown bodies in `uncertainty`.
     """
-    robot, posture, feet = load_walker_model(config)
+    robot, posture, contacts = load_walker_model(config)
     spec = robot.spec
     for item in [*spec.actuators, *spec.sensors]:
         spec.delete(item)
@@ -315,7 +332,7 @@ def load_walker(config: Config) -> Walker:
         )
     if config.path.pelvis_height is not None:
         posture[2] = config.path.pelvis_height
-    walker = Walker(spec, model, _with_base(limits), posture, feet, robot.notes)
+    walker = Walker(spec, model, _with_base(limits), posture, contacts, robot.notes)
     _require_bodies(config, walker)
     return walker
 

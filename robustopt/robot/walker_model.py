@@ -12,27 +12,26 @@ import mujoco
 import numpy as np
 
 from robustopt.config import FEET, Config
+from robustopt.config.geometry import rectangle
 from robustopt.errors import RobotError
 from robustopt.robot.model_file import RobotModel, compile_spec, model_file, read_model
 
 BASE_JOINTS = ("base_x", "base_y", "base_z", "base_yaw", "base_pitch", "base_roll")
 """Coordinates of the floating base in their order: position in the world, then turns about z, y and x."""
 
-LEG_JOINTS = 6
-"""Joints between the base and a foot: as many as the pose of the foot has coordinates."""
-
 
 @dataclass(frozen=True)
-class Foot:
-    """Contact points of a foot, (k, 3) in the frame of the site in the middle of its sole [m], counter-clockwise."""
+class Sole:
+    """Contact points of a foot or a hand, (k, 3) in the frame of its site [m], in the plane z = 0, counter-clockwise."""
 
     points: np.ndarray
 
 
-def load_walker_model(config: Config) -> tuple[RobotModel, np.ndarray, dict[str, Foot]]:
-    """The robot with base coordinates in place of its free joint, its posture q (n,), and its feet by name.
+def load_walker_model(config: Config) -> tuple[RobotModel, np.ndarray, dict[str, Sole]]:
+    """The robot with base coordinates in place of its free joint, its posture q (n,), and its contacts by name: both
+    feet, and the hand that it has on a rail.
 
-    Raises RobotError if the file has no floating base, foot, contact point or keyframe.
+    Raises RobotError if the file has no floating base, foot, hand, contact point or keyframe.
     """
     file = model_file(config)
     spec, limits, notes = read_model(file)
@@ -45,11 +44,14 @@ def load_walker_model(config: Config) -> tuple[RobotModel, np.ndarray, dict[str,
     if original.nkey == 0:
         raise RobotError(f"{file.name} has no keyframe; expected the posture of the robot", key="robot.model")
     posture = _posture(original)
-    feet = {name: _foot(original, name, file.name) for name in FEET}
+    contacts = {name: _foot(original, name, file.name) for name in FEET}
+    if config.path.rail is not None:
+        _require_site(original, config.path.rail.contact, "palm", file.name)
+        contacts[config.path.rail.contact] = Sole(_palm(config.path.rail.size))
     _replace_free_joint(spec, original)
     for key in list(spec.keys):
         spec.delete(key)
-    return RobotModel(spec=spec, original=original, file=file, urdf_limits=limits, notes=notes), posture, feet
+    return RobotModel(spec=spec, original=original, file=file, urdf_limits=limits, notes=notes), posture, contacts
 
 
 def _posture(model: mujoco.MjModel) -> np.ndarray:
@@ -58,10 +60,18 @@ def _posture(model: mujoco.MjModel) -> np.ndarray:
     return np.concatenate([key[:3], np.zeros(3), key[7:]])
 
 
-def _foot(model: mujoco.MjModel, name: str, file: str) -> Foot:
-    sites = [model.site(k).name for k in range(model.nsite)]
-    if name not in sites:
-        raise RobotError(f"{file} has no site {name!r} in the middle of a sole", key="robot.model")
+def _require_site(model: mujoco.MjModel, name: str, place: str, file: str) -> None:
+    if name not in [model.site(k).name for k in range(model.nsite)]:
+        raise RobotError(f"{file} has no site {name!r} in the middle of a {place}", key="robot.model")
+
+
+def _palm(size: tuple[float, float]) -> np.ndarray:
+    """Corners of the part of a palm that touches a rail, (4, 3) in the frame of its site [m]."""
+    return np.column_stack([rectangle(np.zeros(2), np.array(size)), np.zeros(4)])
+
+
+def _foot(model: mujoco.MjModel, name: str, file: str) -> Sole:
+    _require_site(model, name, "sole", file)
     site = model.site(name)
     body = int(site.bodyid[0])
     spheres = [
@@ -85,7 +95,7 @@ def _foot(model: mujoco.MjModel, name: str, file: str) -> Foot:
         raise RobotError(f"{file}: the contact points of {name} are not in the plane of its site", key="robot.model")
     middle = points.mean(axis=0)
     order = np.argsort(np.arctan2(points[:, 1] - middle[1], points[:, 0] - middle[0]))
-    return Foot(points[order])
+    return Sole(points[order])
 
 
 def _replace_free_joint(spec: mujoco.MjSpec, original: mujoco.MjModel) -> None:

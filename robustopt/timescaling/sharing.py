@@ -1,9 +1,9 @@
-"""How two feet share the load: the least of their limits that the joints of the legs need. One program per grid point.
+"""How contacts share the load: the least of their limits that the joints of the limbs need. One program per grid point.
 
     minimise t + penalty m   such that   G lambda = w + m r,   |tau - J^T G lambda| <= (1 + t) tau_max,   lambda, m >= 0
 
-G holds the friction edges of both feet, w is the wrench they must exert, tau are the torques of the leg joints without
-contact forces, r is a wrench well inside the cone. t is what the joint that is used most exceeds its limit by, as a
+G holds the friction edges of all contacts, w is the wrench they must exert, tau are the torques of the joints that carry
+them, without contact forces, r is a wrench well inside the cone. t is what the joint that is used most exceeds its limit by, as a
 fraction of it, with the best sharing there is; m, what is missing of a wrench at the very edge of the cone. The dual is
 a row over the load, which holds for every sharing: where some value of the parameters violates it, the outer program
 lacks it (our choice).
@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from robustopt.config import BASE_COORDINATES as BASE
-from robustopt.contact.load_sharing import distribute
+from robustopt.contact.load_sharing import distribute, willingness
 from robustopt.problem.rows import evaluate, worst_wrench
 from robustopt.problem.walking import SharedRow, StandingTorque
 from robustopt.timescaling.linear_program import LinearProgram
@@ -41,8 +41,8 @@ nor is it solved again, for the parameters that are worst for its row, where the
 class SharingProgram:
     """The program of one grid point; the load is its right-hand side.
 
-    generators: (6, K) wrenches about the world's origin; legs: indices of the leg joints (m,); pull: torque that each
-    generator takes off them, (m, K); limit: of these joints (m,)
+    generators: (6, K) wrenches about the world's origin; pull: torque that each generator takes off the m joints that
+    carry the contacts, (m, K); limit: of these joints (m,)
     """
 
     def __init__(self, generators: Array, pull: Array, limit: Array, weight: float) -> None:
@@ -61,7 +61,7 @@ class SharingProgram:
     def solve(self, wrench: Array, torque: Array) -> tuple[float, Array, Array, float, Array]:
         """t; the row y_w, y_tau, constant, y_w w + y_tau tau + constant = t at the load; the forces of the generators.
 
-        wrench: (6,); torque: of the legs without contact forces (m,)
+        wrench: (6,); torque: of the joints without contact forces (m,)
         """
         right = np.r_[wrench * self.scale / self.weight, 1.0 - torque / self.limit, 1.0 + torque / self.limit]
         z, dual = self.program.solve(np.r_[right[:6], self.open], right)
@@ -74,24 +74,23 @@ class SharingProgram:
 
 
 def program_at(torque: StandingTorque, point: int, counted: Array) -> tuple[SharingProgram, Array]:
-    """The program of a grid point where both feet stand, and the indices of the joints in it.
+    """The program of a grid point where contacts share the load, and the indices of the joints in it.
 
     counted: (n,) which joints' limits count
     """
-    family = torque.contacts[torque.standing[point]]
-    feet, system = family.system.interfaces, family.system
-    legs = np.flatnonzero(~torque.known[point] & counted)
-    size, pull = system.generators.shape[1] // len(feet), np.zeros((len(legs), system.generators.shape[1]))
-    for k, name in enumerate(feet):
-        part = slice(k * size, (k + 1) * size)
-        pull[:, part] = torque.dynamics.jacobians[name][point][:, legs].T @ system.generators[:, part]
-    return SharingProgram(system.generators, pull, torque.limit[legs], family.weight), legs
+    stance = int(torque.standing[point])
+    family, generators = torque.contacts[stance], torque.contacts[stance].system.generators
+    joints = np.flatnonzero(~torque.known[point] & counted)
+    pull = np.zeros((len(joints), generators.shape[1]))
+    for name, part in torque.parts(stance).items():
+        pull[:, part] = torque.dynamics.jacobians[name][point][:, joints].T @ generators[:, part]
+    return SharingProgram(generators, pull, torque.limit[joints], family.weight), joints
 
 
 def missing_shared_rows(
     torque: StandingTorque, counted: Array, points: Array, u: Array, x: Array
 ) -> tuple[list[SharedRow], int]:
-    """Rows on joint torques that a timing violates where both feet stand, and programs solved.
+    """Rows on joint torques that a timing violates where contacts share the load, and programs solved.
 
     counted: (n,) which joints' limits count; points, u, x: (M,)
     """
@@ -106,18 +105,18 @@ def missing_shared_rows(
         point = int(points[i])
         if point not in programs:
             programs[point] = program_at(torque, point, counted)
-        program, legs = programs[point]
+        program, joints = programs[point]
         load, here, at = nominal[k], loads.at(np.array([k])), (u[i : i + 1], x[i : i + 1])
         best = -np.inf
         for _ in range(ROUNDS):
-            _, on_wrench, on_torque, constant, _ = program.solve(load[:BASE], load[legs])
+            _, on_wrench, on_torque, constant, _ = program.solve(load[:BASE], load[joints])
             solved += 1
             row = np.zeros(len(load))
-            row[:BASE], row[legs] = on_wrench, on_torque
+            row[:BASE], row[joints] = on_wrench, on_torque
             none = np.zeros((0, 0, 0))
             value = float(evaluate(row[None], here, none, none, *at)[0, 0]) + constant
             if value > VIOLATION and np.any(on_torque):
-                found.append(SharedRow(point, row, constant, int(legs[np.argmax(np.abs(on_torque))])))
+                found.append(SharedRow(point, row, constant, int(joints[np.argmax(np.abs(on_torque))])))
             if value <= max(best, -DOUBTFUL) + VIOLATION:
                 break
             best, load = value, worst_wrench(here, row[None], *at)[0]
@@ -125,22 +124,23 @@ def missing_shared_rows(
 
 
 def _explicit_use(torque: StandingTorque, counted: Array, points: Array, u: Array, x: Array) -> Array:
-    """Share of their limits that the joints of the legs use with the smallest contact forces, for the parameters at the
-    middle of their intervals, (M,); infinite where the forces miss the wrench. points, u, x: (M,) on both feet."""
+    """Share of their limits that the joints use with the smallest contact forces, for the parameters at the middle of
+    their intervals, (M,); infinite where the forces miss the wrench. points, u, x: (M,) where the load is shared."""
     affine = np.stack([u, x, np.ones(len(u))], axis=1)
     load = np.einsum("mdk,mk->md", torque.loads.middle()[points], affine)
     use = np.empty(len(points))
     for k in np.unique(torque.standing[points]):
         here, system = np.flatnonzero(torque.standing[points] == k), torque.contacts[k].system
+        parts = torque.parts(int(k))
         every = np.ones((len(here), system.generators.shape[1]))
+        for name, part in parts.items():
+            every[:, part] = willingness(name)
         center = np.array([-system.generators[4].mean(), system.generators[3].mean(), 0.0])
         wrench = load[here, :BASE].copy()
         wrench[:, 3:] -= np.cross(center, wrench[:, :3])
         forces, miss = distribute(system.about([center]).generators, every, wrench, torque.contacts[k].weight)
         left = load[here].copy()
-        size = system.generators.shape[1] // len(system.interfaces)
-        for f, name in enumerate(system.interfaces):
-            part = slice(f * size, (f + 1) * size)
+        for name, part in parts.items():
             push = forces[:, part] @ system.generators[:, part].T
             left -= (np.swapaxes(torque.dynamics.jacobians[name][points[here]], 1, 2) @ push[:, :, None])[:, :, 0]
         shares = np.abs(left / torque.limit)[:, counted & ~torque.known[points[here[0]]]]
