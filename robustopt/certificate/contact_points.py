@@ -1,7 +1,8 @@
 """Contact points with exact Coulomb cones: what forces at them exert on the blocks that they carry.
 
 A force f at a contact point p (normal z) is possible if |(f_x, f_y)| <= mu f_z. Its coordinates are
-(f_z, f_x / mu, f_y / mu), in which its cone is |(c_1, c_2)| <= c_0. It acts with + on the block above the point and
+(f_z, f_x / mu, f_y / mu), in which its cone is |(c_1, c_2)| <= c_0; where a face has axes of its own, x, y and z are
+these. It acts with + on the block above the point and
 with - on the block below. Wrenches are force then moment about the origin of the points, those of K blocks stacked,
 (6 K, ...). Many programs are treated at once, as arrays whose last axis, T, counts them.
 """
@@ -21,14 +22,19 @@ CENTERED = 1e-9
 """Distance, in units of the points, by which explicit pressure may miss its centre: rounding errors."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Face:
-    """Contact points `first` to `last` (excluded) press on block `above` from block `below`, -1 for the ground."""
+    """Contact points `first` to `last` (excluded) press on block `above` from block `below`, -1 for the ground.
+
+    axes: of the face as columns (3, 3), its normal last; those of the wrenches without. The normals of all faces and
+    the forces in their cones must have a positive part along z.
+    """
 
     first: int
     last: int
     above: int
     below: int
+    axes: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -61,9 +67,10 @@ class Contacts:
             part = slice(face.first, face.last)
             (px, py, pz), mu = self.point[:, part], self.mu[part]
             fx, fy, fz, mx, my, mz = _at(y, face.above) if face.below < 0 else _at(y, face.above) - _at(y, face.below)
-            out[0, part] = fz + mx * py - my * px
-            out[1, part] = mu * (fx + my * pz - mz * py)
-            out[2, part] = mu * (fy + mz * px - mx * pz)
+            seen = fx + my * pz - mz * py, fy + mz * px - mx * pz, fz + mx * py - my * px
+            if face.axes is not None:
+                seen = tuple(np.einsum("i,inT->nT", axis, np.stack(seen)) for axis in face.axes.T)
+            out[0, part], out[1, part], out[2, part] = seen[2], mu * seen[0], mu * seen[1]
         return out
 
     def wrenches(self, face: Face, c: Array) -> Array:
@@ -73,6 +80,9 @@ class Contacts:
         out = np.empty((6, *c.shape[1:]))
         fx, fy, fz = np.multiply(mu, c[1], out=out[0]), np.multiply(mu, c[2], out=out[1]), c[0]
         out[2] = fz
+        if face.axes is not None:
+            out[:3] = np.einsum("ij,j...->i...", face.axes, out[:3])
+            fx, fy, fz = out[:3]
         out[3] = py * fz - pz * fy
         out[4] = pz * fx - px * fz
         out[5] = px * fy - py * fx

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,7 +12,9 @@ from robustopt.certificate.contact_points import Array, Contacts, Face, Indices
 from robustopt.certificate.motion import Instants
 from robustopt.certificate.tally import Found, Tally
 from robustopt.config import BASE_COORDINATES as BASE
-from robustopt.config import FEET, Config
+from robustopt.config import Config
+from robustopt.config.geometry import common_direction, contact_axes
+from robustopt.path.footsteps import Place, Stance
 from robustopt.path.walking_path import WalkingPath
 from robustopt.robot.walker import Walker
 
@@ -25,11 +27,11 @@ LENGTH = 0.1
 
 @dataclass(frozen=True)
 class Values:
-    """Uncertain values: friction of the feet (2,), displacement of every contact point (2, k, 2) [m], error of the
-    acceleration (n,), and by body its mass [kg] and centre of mass (3,) [m]."""
+    """Uncertain values: by contact its friction and the displacement of its points (k, 2) [m], error of the acceleration
+    (n,), and by body its mass [kg] and centre of mass (3,) [m]."""
 
-    friction: Array
-    shift: Array
+    friction: Mapping[str, float]
+    shift: Mapping[str, Array]
     error: Array
     bodies: Mapping[str, tuple[float, Array]]
 
@@ -53,12 +55,12 @@ class Walk:
     upper: Values
 
     def needs(self, at: Indices, bodies: Mapping[str, tuple[float, Array]]) -> tuple[Array, Array, dict[str, Array]]:
-        """Generalised force (T, n), per acceleration error (T, n, n), and Jacobians of the feet at some instants."""
+        """Generalised force (T, n), per acceleration error (T, n, n), and Jacobians of the contacts at some instants."""
         return self.walker.inverse_dynamics(self.q[at], self.qd[at], self.qdd[at], bodies)
 
 
 def walk_of(config: Config, plan: Plan, at: Instants) -> Walk:
-    """Motion of a plan at some instants; at a switch, they belong to the one of its two stances that is on one foot."""
+    """Motion of a plan at some instants; at a switch, they belong to the one of its two stances with fewer contacts."""
     walker, path = plan.problem.robot, plan.problem.path
     assert isinstance(walker, Walker)
     assert isinstance(path, WalkingPath)
@@ -67,19 +69,20 @@ def walk_of(config: Config, plan: Plan, at: Instants) -> Walk:
     borders = np.array([stance.begin for stance in path.stances[1:]])
     before = np.searchsorted(borders, at.s, side="left")
     after = np.searchsorted(borders, at.s, side="right")
-    single = np.array([len(stance.feet) == 1 for stance in path.stances])
+    count = np.array([len(stance.contacts) for stance in path.stances])
+    stance = np.where(count[after] <= count[before], after, before)
     lower, upper = _ends(config, walker)
-    return Walk(
-        config, walker, path, q, q1 * sd, q1 * u + q2 * x, at.free, np.where(single[after], after, before), lower, upper
-    )
+    return Walk(config, walker, path, q, q1 * sd, q1 * u + q2 * x, at.free, stance, lower, upper)
 
 
 def _ends(config: Config, walker: Walker) -> tuple[Values, Values]:
     """Lowest and highest of all values, read from the configuration."""
     belief, interval = config.contact.friction, config.uncertainty.friction
-    friction = np.array([_pair(_of(interval, name), _of(belief, name)) for name in FEET])
-    shift = np.array([_of(config.uncertainty.contact_points, name) or 0.0 for name in FEET])
-    shifts = shift[:, None, None] * np.ones((2, len(walker.feet[FEET[0]].points), 2))
+    friction = {name: _pair(_of(interval, name), _of(belief, name)) for name in walker.contacts}
+    shifts = {
+        name: (_of(config.uncertainty.contact_points, name) or 0.0) * np.ones((len(sole.points), 2))
+        for name, sole in walker.contacts.items()
+    }
     low, high = np.zeros(walker.n), np.zeros(walker.n)
     error, base = config.uncertainty.joint_acceleration, np.asarray(config.uncertainty.base_acceleration, dtype=float)
     low[:BASE], high[:BASE] = -base, base
@@ -92,28 +95,33 @@ def _ends(config: Config, walker: Walker) -> tuple[Values, Values]:
         masses = config.uncertainty.mass.get(name, (mass, mass))
         reach = np.array(config.uncertainty.center_of_mass.get(name, (0.0, 0.0, 0.0)))
         ends[0][name], ends[1][name] = (masses[0], center - reach), (masses[1], center + reach)
-    lower = Values(friction[:, 0], -shifts, low, dict(sorted(ends[0].items())))
-    return lower, Values(friction[:, 1], shifts, high, dict(sorted(ends[1].items())))
+    least = Values(
+        {name: pair[0] for name, pair in friction.items()}, {name: -shift for name, shift in shifts.items()}, low,
+        dict(sorted(ends[0].items())),
+    )  # fmt: skip
+    most = Values({name: pair[1] for name, pair in friction.items()}, shifts, high, dict(sorted(ends[1].items())))
+    return least, most
 
 
-def _of(given: object, name: str) -> object:
+def _of(given: Any, name: str) -> Any:
     return given.get(name, given.get("default")) if isinstance(given, Mapping) else given
 
 
-def _pair(interval: object, value: object) -> object:
+def _pair(interval: tuple[float, float] | None, value: float) -> tuple[float, float]:
     return (value, value) if interval is None else interval
 
 
 def is_uncertain(walk: Walk) -> bool:
     """Whether any value has an interval."""
     low, high = walk.lower, walk.upper
-    pairs = ((low.friction, high.friction), (low.shift, high.shift), (low.error, high.error))
-    return bool(low.bodies) or any(np.any(a != b) for a, b in pairs)
+    rubbing = low.friction != high.friction or any(np.any(shift) for shift in high.shift.values())
+    return bool(low.bodies) or rubbing or bool(np.any(low.error != high.error))
 
 
-def stance_name(feet: Sequence[str]) -> str:
+def stance_name(stance: Stance) -> str:
     """Name of the contact limit of a stance."""
-    return "contact of " + (feet[0] if len(feet) == 1 else "both feet")
+    alone = len(stance.contacts) == 1
+    return f"contact of {stance.contacts[0] if alone else stance.words}"
 
 
 def record(
@@ -127,41 +135,65 @@ def record(
             tally.add(name, Found(float(utilisation[t]), int(at[t]), name, parameters[t]))
 
 
-def inward(walk: Walk) -> Array:
-    """Displacements of the contact points towards the middle of their foot: the hull of all others holds theirs."""
-    points = np.stack([walk.walker.feet[name].points[:, :2] for name in FEET])
-    return -np.sign(points - points.mean(axis=1, keepdims=True)) * walk.upper.shift
+def inward(walk: Walk) -> dict[str, Array]:
+    """Displacements of the contact points towards the middle of theirs: the hull of all others holds these."""
+    shifts = {}
+    for name, sole in walk.walker.contacts.items():
+        away = sole.points[:, :2] - sole.points[:, :2].mean(axis=0)
+        shifts[name] = -np.sign(away) * walk.upper.shift[name]
+    return shifts
 
 
-def contact_points(walk: Walk, places: Mapping[str, Array], friction: Array, shift: Array) -> tuple[Contacts, Array]:
-    """Contact points of a stance about its centre in units of `LENGTH`, and the centre (3,) [m].
+@dataclass(frozen=True, eq=False)
+class Hold:
+    """Contact points of a stance for force programs: about its `center` (3,) [m], in units of `LENGTH`, and in `axes`
+    (3, 3), as columns, along whose z all contact forces have a positive part."""
 
-    friction: (2,) or (2, T); shift: (2, k, 2) or (2, k, 2, T)
-    """
-    shift = shift if shift.ndim == 4 else shift[..., None]
-    friction = friction if friction.ndim == 2 else friction[:, None]
+    contacts: Contacts
+    center: Array
+    axes: Array
+
+    def scaled(self, wrench: Array, weight: float) -> Array:
+        """Wrenches about the world's origin (T, 6) [N, N m] in these axes and units, (6, T), forces by the weight."""
+        moment = wrench[:, 3:] - np.cross(self.center, wrench[:, :3])
+        return np.concatenate([wrench[:, :3] @ self.axes, moment @ self.axes / LENGTH], axis=1).T / weight
+
+    def direction(self, y: Array, weight: float) -> Array:
+        """The directions d (T, 6) for which d wrench = y scaled(wrench), y (6, T)."""
+        force, moment = y[:3].T @ self.axes.T / weight, y[3:].T @ self.axes.T / (weight * LENGTH)
+        # y (force) + y (moment - center x force), transposed
+        return np.concatenate([force + np.cross(self.center, moment), moment], axis=1)
+
+
+def hold(walk: Walk, places: Mapping[str, Place], friction: Mapping[str, Any], shift: Mapping[str, Array]) -> Hold:
+    """The contact points of a stance. friction: number or (T,) of each contact; shift: (k, 2) or (k, 2, T)."""
+    center = np.mean([place.position for place in places.values()], axis=0)
+    normals = [place.axes[:, 2] for place in places.values()]
+    common = common_direction(normals, [walk.upper.friction[name] for name in places])
+    assert common is not None, "checked when the configuration was read"
+    level = all(np.array_equal(normal, common) for normal in normals)
+    axes = np.eye(3) if level else contact_axes(common, np.eye(3)[int(np.argmin(np.abs(common)))])
     faces, points, mu, first = [], [], [], 0
     for name, place in places.items():
-        foot, own = FEET.index(name), walk.walker.feet[name].points
-        flat = (own[:, :2] + place)[:, :, None] + shift[foot]
-        points.append(np.concatenate([flat, np.zeros((len(own), 1, flat.shape[2]))], axis=1))
-        mu.append(np.repeat(friction[foot][None], len(own), axis=0))
-        faces.append(Face(first, first + len(own), 0, -1))
-        first += len(own)
-    center = np.append(np.mean(list(places.values()), axis=0), 0.0)
-    stacked = np.concatenate(points).transpose(1, 0, 2)
-    return Contacts(tuple(faces), (stacked - center[:, None, None]) / LENGTH, np.concatenate(mu)), center
+        moved = shift[name] if shift[name].ndim == 3 else shift[name][:, :, None]
+        flat = walk.walker.contacts[name].points[:, :2, None] + moved
+        world = place.position[:, None] + np.einsum("ij,kjt->kit", place.axes[:, :2], flat)
+        points.append(np.einsum("ij,kit->jkt", axes, world - center[:, None]) / LENGTH)
+        mu.append(np.tile(np.atleast_1d(friction[name]), (len(flat), 1)))
+        faces.append(Face(first, first + len(flat), 0, -1, None if level else axes.T @ place.axes))
+        first += len(flat)
+    return Hold(Contacts(tuple(faces), np.concatenate(points, axis=1), np.concatenate(mu)), center, axes)
 
 
 def described(walk: Walk, values: Values) -> dict[str, object]:
     """Values in the configuration's words, as far as they are uncertain or matter."""
-    described: dict[str, object] = {"friction": dict(zip(FEET, values.friction.tolist(), strict=True))}
+    described: dict[str, object] = {"friction": {name: float(mu) for name, mu in values.friction.items()}}
     names = walk.walker.joint_names
     error = {name: float(e) for name, e in zip(names, values.error, strict=True) if e}
     if error:
         described["acceleration"] = error
-    if np.any(values.shift):
-        described["contact_points"] = dict(zip(FEET, np.abs(values.shift).max(axis=(1, 2)).tolist(), strict=True))
+    if any(np.any(shift) for shift in values.shift.values()):
+        described["contact_points"] = {name: float(np.abs(shift).max()) for name, shift in values.shift.items()}
     for name, (mass, center) in values.bodies.items():
         described[name] = {"mass": mass, "center_of_mass": center.tolist()}
     return described

@@ -1,8 +1,8 @@
 """Limits of a robot on its feet, checked from first principles.
 
 The motion of an instant goes through MuJoCo's inverse dynamics with the masses and centres of mass at hand; what the
-base needs must come from contact forces at the corners of the standing feet, in their exact Coulomb cones (see
-`force_closure`).
+base needs must come from contact forces at the corners of the standing feet, and of a hand on a rail, in their exact
+Coulomb cones (see `force_closure`).
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robustopt.certificate.contact_points import Array, Contacts, Indices
+from robustopt.certificate.contact_points import Array, Indices
 from robustopt.certificate.force_closure import gauge_from_rest
 from robustopt.certificate.motion import Instants
 from robustopt.certificate.tally import Found, Tally
 from robustopt.certificate.walk import (
-    LENGTH,
+    Hold,
     Values,
     Walk,
-    contact_points,
     described,
+    hold,
     inward,
     is_uncertain,
     record,
@@ -32,6 +32,7 @@ from robustopt.certificate.walk import (
 from robustopt.certificate.walking_torque import check_torque
 from robustopt.config import BASE_COORDINATES as BASE
 from robustopt.config import Config
+from robustopt.path.footsteps import Place
 
 if TYPE_CHECKING:
     from robustopt.timescaling import Plan
@@ -43,7 +44,7 @@ ROUNDS = 3
 """A direction changes which parameters are worst, they have another direction."""
 
 SHARED_INSTANTS = {"quick": 40, "full": 400}
-"""Instants on two feet whose torques are looked at, for the values that the contacts like least."""
+"""Instants on several contacts whose torques are looked at, for the values that the contacts like least."""
 
 INSTANTS_PER_DRAW = 16
 """Instants that a random draw of all values is looked at."""
@@ -53,7 +54,7 @@ def check_walk(config: Config, plan: Plan, at: Instants, level: str, draws: int,
     """Look at all limits of a plan of a robot on its feet; returns the number of random draws."""
     walk = walk_of(config, plan, at)
     _check_kinematics(walk, tally)
-    _check_feet(walk, tally)
+    _check_places(walk, tally)
     worst = _check_contacts(walk, tally)
     check_torque(walk, worst, SHARED_INSTANTS[level], tally)
     if not is_uncertain(walk):
@@ -85,16 +86,16 @@ def _position(q: Array, low: Array, high: Array) -> Array:
     return np.asarray(np.abs(q - 0.5 * (low + high)) / (0.5 * (high - low)))
 
 
-def _check_feet(walk: Walk, tally: Tally) -> None:
-    """Standing feet stay where they are."""
-    soles = walk.walker.soles(walk.q)
+def _check_places(walk: Walk, tally: Tally) -> None:
+    """Contacts stay where they are."""
+    found = walk.walker.contact_points(walk.q)
     drift = np.zeros(len(walk.q))
     for k, stance in enumerate(walk.path.stances):
         at = walk.stance == k
         for name, place in stance.places.items():
-            points = walk.walker.feet[name].points + np.append(place, 0.0)
-            drift[at] = np.maximum(drift[at], np.linalg.norm(soles[name][at] - points, axis=2).max(axis=1, initial=0.0))
-    _record("standing feet in place", drift / DRIFT, tally)
+            points = place.world(walk.walker.contacts[name].points)
+            drift[at] = np.maximum(drift[at], np.linalg.norm(found[name][at] - points, axis=2).max(axis=1, initial=0.0))
+    _record("contacts in place", drift / DRIFT, tally)
     tally.tests += len(drift)
 
 
@@ -110,11 +111,11 @@ def _check_contacts(walk: Walk, tally: Tally) -> Mapping[int, Values]:
     for k, stance in enumerate(walk.path.stances):
         at = np.flatnonzero(walk.stance == k)
         if len(at):
-            worst |= _check_stance(walk, at, stance_name(stance.feet), stance.places, tally)
+            worst |= _check_stance(walk, at, stance_name(stance), stance.places, tally)
     return worst
 
 
-def _check_stance(walk: Walk, at: Indices, name: str, places: Mapping[str, Array], tally: Tally) -> dict[int, Values]:
+def _check_stance(walk: Walk, at: Indices, name: str, places: Mapping[str, Place], tally: Tally) -> dict[int, Values]:
     corners = list(_corners(walk))
     needs = [walk.needs(at, bodies)[:2] for bodies in corners]
     nominal = needs[0]
@@ -125,7 +126,7 @@ def _check_stance(walk: Walk, at: Indices, name: str, places: Mapping[str, Array
     chosen = {body: np.zeros(len(at), dtype=np.intp) for body in changes}
     free = walk.free[at][:, None]
     error = 0.5 * (walk.lower.error + walk.upper.error) * free
-    contacts, center = contact_points(walk, places, walk.lower.friction, inward(walk))
+    held = hold(walk, places, walk.lower.friction, inward(walk))
     weight = walk.walker.mass * 9.81
     reached = np.full(len(at), -np.inf)
     result: dict[int, Values] = {}
@@ -137,7 +138,7 @@ def _check_stance(walk: Walk, at: Indices, name: str, places: Mapping[str, Array
                 force[here] += (its_force - nominal[0])[here]
                 inertia[here] += (its_inertia - nominal[1])[here]
         wrench = force[:, :BASE] + (inertia[:, :BASE] @ error[:, :, None])[:, :, 0]
-        value, y = _gauge(contacts, center, wrench, weight)
+        value, y = _gauge(held, wrench, weight)
         better = value > reached
         reached = np.maximum(reached, value)
         values = [
@@ -176,18 +177,13 @@ def _named(walk: Walk, chosen: Mapping[str, int]) -> dict[str, tuple[float, Arra
     return {name: (corners[name][k][0], np.array(corners[name][k][1:])) for name, k in chosen.items()}
 
 
-def _gauge(contacts: Contacts, center: Array, wrench: Array, weight: float) -> tuple[Array, Array]:
+def _gauge(held: Hold, wrench: Array, weight: float) -> tuple[Array, Array]:
     """Utilisation of the contacts (T,) for wrenches about the world's origin (T, 6), seen from an even pressure, and
     the direction of the nearest limit for these wrenches (T, 6), in which they are worst where it is lowest."""
-    scaled = wrench.copy()
-    scaled[:, 3:] -= np.cross(center, wrench[:, :3])
-    scaled /= weight * np.r_[np.ones(3), np.full(3, LENGTH)]
     even = np.zeros((6, len(wrench)))
     even[2] = 1.0
-    answer = gauge_from_rest(contacts, even, scaled.T - even)
-    y = answer.y.T / (weight * np.r_[np.ones(3), np.full(3, LENGTH)])
-    y[:, :3] += np.cross(center, y[:, 3:])  # y (force) + y (moment - center x force), transposed
-    return answer.value, y
+    answer = gauge_from_rest(held.contacts, even, held.scaled(wrench, weight) - even)
+    return answer.value, held.direction(answer.y, weight)
 
 
 def _check_draws(walk: Walk, draws: int, rng: np.random.Generator, tally: Tally) -> None:
@@ -207,15 +203,17 @@ def _check_draws(walk: Walk, draws: int, rng: np.random.Generator, tally: Tally)
             wrench[k] = force[at, :BASE] + (inertia[at, :BASE] @ values.error) * walk.free[at][:, None]
     instant = np.concatenate([at for _, at in chosen])
     draw = np.repeat(np.arange(draws), INSTANTS_PER_DRAW)
-    friction = np.stack([values.friction for values, _ in chosen], axis=-1)
-    shift = np.stack([values.shift for values, _ in chosen], axis=-1)
+    names = walk.walker.contacts
+    friction = {name: np.array([values.friction[name] for values, _ in chosen]) for name in names}
+    shift = {name: np.stack([values.shift[name] for values, _ in chosen], axis=-1) for name in names}
     for k, stance in enumerate(walk.path.stances):
         here = np.flatnonzero(walk.stance[instant] == k)
         if len(here):
-            contacts, center = contact_points(walk, stance.places, friction[:, draw[here]], shift[..., draw[here]])
-            value, _ = _gauge(contacts, center, wrench.reshape(-1, BASE)[here], walk.walker.mass * 9.81)
+            drawn = {name: mu[draw[here]] for name, mu in friction.items()}
+            held = hold(walk, stance.places, drawn, {name: away[..., draw[here]] for name, away in shift.items()})
+            value, _ = _gauge(held, wrench.reshape(-1, BASE)[here], walk.walker.mass * 9.81)
             parameters = [described(walk, chosen[draw[i]][0]) for i in here]
-            record(stance_name(stance.feet), instant[here], value, parameters, tally)
+            record(stance_name(stance), instant[here], value, parameters, tally)
             tally.tests += len(here)
 
 
@@ -229,6 +227,10 @@ def _draw(walk: Walk, rng: np.random.Generator, corner: bool) -> Values:
         name: (float(between(np.array(mass), np.array(high.bodies[name][0]))), between(center, high.bodies[name][1]))
         for name, (mass, center) in low.bodies.items()
     }
+    friction = between(np.array(list(low.friction.values())), np.array(list(high.friction.values())))
     return Values(
-        between(low.friction, high.friction), between(low.shift, high.shift), between(low.error, high.error), bodies
+        dict(zip(low.friction, friction.tolist(), strict=True)),
+        {name: between(shift, high.shift[name]) for name, shift in low.shift.items()},
+        between(low.error, high.error),
+        bodies,
     )

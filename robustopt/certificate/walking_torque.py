@@ -1,4 +1,4 @@
-"""Joint torques of a robot on its feet: known on one foot, on two those of the sharing that spares the joints most."""
+"""Joint torques of a robot on its feet: known on one foot alone, else those of the sharing that spares the joints most."""
 
 from __future__ import annotations
 
@@ -9,21 +9,22 @@ from scipy.optimize import linprog
 
 from robustopt.certificate.contact_points import Array, Indices
 from robustopt.certificate.tally import Tally
-from robustopt.certificate.walk import LENGTH, Values, Walk, contact_points, inward, record
+from robustopt.certificate.walk import LENGTH, Values, Walk, inward, record
 from robustopt.config import BASE_COORDINATES as BASE
 from robustopt.errors import SolverFailed
+from robustopt.path.footsteps import Place
 
 EDGES = 32
 """Edges of the friction cones in the programs for the torques: inside the exact cones."""
 
 
 def check_torque(walk: Walk, worst: Mapping[int, Values], shared: int, tally: Tally) -> None:
-    """Torques of all joints on one foot, and on two at some instants, each for the values that contacts like least and
+    """Torques of all joints on one foot alone, and on several contacts at some instants, each for the values that contacts like least and
     as configured."""
     for k, stance in enumerate(walk.path.stances):
         at = np.flatnonzero(walk.stance == k)
-        single = len(stance.feet) == 1
-        count = sum(len(other.feet) > 1 for other in walk.path.stances)
+        single = len(stance.contacts) == 1
+        count = sum(len(other.contacts) > 1 for other in walk.path.stances)
         if not single and len(at) > shared // count:
             at = at[np.unique(np.linspace(0, len(at) - 1, shared // count).astype(int))]
         if len(at):
@@ -31,7 +32,7 @@ def check_torque(walk: Walk, worst: Mapping[int, Values], shared: int, tally: Ta
 
 
 def _check_stance_torque(
-    walk: Walk, at: Indices, places: Mapping[str, Array], worst: Mapping[int, Values], tally: Tally
+    walk: Walk, at: Indices, places: Mapping[str, Place], worst: Mapping[int, Values], tally: Tally
 ) -> None:
     force, inertia, jacobians = walk.needs(at, {})
     free = walk.free[at][:, None]
@@ -55,28 +56,27 @@ def _check_stance_torque(
     tally.tests += utilisation.size
 
 
-def _shared_torque(walk: Walk, places: Mapping[str, Array], force: Array, jacobians: Mapping[str, Array]) -> Array:
+def _shared_torque(walk: Walk, places: Mapping[str, Place], force: Array, jacobians: Mapping[str, Array]) -> Array:
     """Sizes of the torques (T, n - 6) with the sharing of the load that uses the joints' limits least.
 
     force: generalised force (T, n) that is needed
     """
-    contacts, center = contact_points(walk, places, walk.lower.friction, inward(walk))
-    points = contacts.point[:, :, 0].T * LENGTH + center
-    angle = 2.0 * np.pi * np.arange(EDGES) / EDGES
-    parts = [np.column_stack([mu * np.cos(angle), mu * np.sin(angle), np.ones(EDGES)]) for mu in contacts.mu[:, 0]]
-    edges = np.concatenate(parts)
-    arms = np.repeat(points, EDGES, axis=0)
-    generators = np.column_stack([edges, np.cross(arms, edges)]).T
+    angle, shift = 2.0 * np.pi * np.arange(EDGES) / EDGES, inward(walk)
+    columns, parts, first = [], {}, 0
+    for name, place in places.items():
+        mu, points = walk.lower.friction[name], place.world(walk.walker.contacts[name].points[:, :2] + shift[name])
+        edges = np.column_stack([mu * np.cos(angle), mu * np.sin(angle), np.ones(EDGES)]) @ place.axes.T
+        forces, arms = np.tile(edges, (len(points), 1)), np.repeat(points, EDGES, axis=0)
+        columns.append(np.column_stack([forces, np.cross(arms, forces)]).T)
+        parts[name] = slice(first, first + len(forces))
+        first += len(forces)
+    generators = np.hstack(columns)
     limit = walk.walker.limits.torque[BASE:]
     result = np.empty((len(force), len(limit)))
     for t, need in enumerate(force):
         pull = np.zeros((len(limit), generators.shape[1]))
-        first = 0
-        for name in places:
-            size = len(walk.walker.feet[name].points) * EDGES
-            part = slice(first, first + size)
+        for name, part in parts.items():
             pull[:, part] = jacobians[name][t][:, BASE:].T @ generators[:, part]
-            first += size
         result[t] = need[BASE:] - pull @ _shares(generators, pull, need, limit, walk.walker.mass * 9.81)
     return np.abs(result)
 
@@ -96,5 +96,5 @@ def _shares(generators: Array, pull: Array, need: Array, limit: Array, weight: f
         b_eq=need[:BASE] * scale / weight, bounds=(0.0, None), method="highs",
     )  # fmt: skip
     if answer.x is None:
-        raise SolverFailed(f"the torques on two feet could not be found: {answer.message}")
+        raise SolverFailed(f"the torques on several contacts could not be found: {answer.message}")
     return np.asarray(answer.x[:count] * weight)
