@@ -1,24 +1,26 @@
-"""Footing of a robot on its feet in a trial: how far standing feet and the trunk moved, and what the floor did.
+"""Footing of a robot on its feet in a trial: how far its contacts and the trunk moved, and what they were pushed with.
 
 A standing foot has slipped when one of its contact points that touch the floor has moved; one that has just landed may
-take up its load first. The robot has fallen when its floating base, the trunk, is too far from upright or too low.
+take up its load first. A hand slips on its rail likewise, and loses contact when all of its palm is off it. The robot
+has fallen when its floating base, the trunk, is too far from upright or too low.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from robustopt.execution.feedback import low_passed
 from robustopt.execution.outcome import Motion
-from robustopt.path.footsteps import Stance
+from robustopt.path.footsteps import Place, Stance
 
 Array = np.ndarray
 
 TOUCHING = 1e-3
-"""A contact point lower than this touches the floor [m]: contacts are soft, and a landing foot is not quite level."""
+"""A contact point lower than this touches the floor, or the rail [m]: contacts are soft, and a landing foot is not quite
+level."""
 
 LANDING = 0.15
 """Part of a phase for which a foot that has landed may still move: it carries next to nothing (our choice)."""
@@ -31,57 +33,62 @@ STEEP = 1e-6
 
 
 @dataclass(frozen=True)
-class FootContact:
-    """What the floor does to a foot at the start of each step, low-passed as acceleration errors are, world axes.
+class MeasuredContact:
+    """What the floor does to a foot, or a rail to a hand, at the start of each step, low-passed as acceleration errors.
 
-    force: (N, 3) [N]; center_of_pressure: where it acts in the plane of the floor (N, 2) [m], nan without a force
+    force: in the axes of the contact, the normal force last, (N, 3) [N]; center_of_pressure: where it acts in the plane of
+    the contact, x and y in the world (N, 2) [m], nan without a force
     """
 
     force: Array
     center_of_pressure: Array
 
     @classmethod
-    def of(cls, force: Array, moment: Array, place: Array, timestep: float) -> FootContact:
-        """From force, moment about a place, and that place, (N, 3) each."""
-        whole = moment + np.cross(place, force)
-        force, whole = low_passed(force, timestep), low_passed(whole, timestep)
+    def of(cls, place: Place, force: Array, moment: Array, point: Array, timestep: float) -> MeasuredContact:
+        """From force, moment about a point, and that point, (N, 3) each, world axes; place: a plane of the contact."""
+        whole = moment + np.cross(point - place.position, force)
+        force, whole = low_passed(force @ place.axes, timestep), low_passed(whole @ place.axes, timestep)
         lift = np.where(force[:, 2] > LEAST_FORCE, force[:, 2], np.nan)
-        return cls(force, np.column_stack([-whole[:, 1], whole[:, 0]]) / lift[:, None])
+        pressure = np.column_stack([-whole[:, 1], whole[:, 0]]) / lift[:, None]
+        return cls(force, place.world(pressure)[:, :2])
 
 
 @dataclass(frozen=True)
 class Stand:
-    """A time in which a foot stands in one place: from `begin` to `end` in s, or to the end of the trial."""
+    """A time in which a contact rests in one place: from `begin` to `end` in s, or to the end of the trial."""
 
     begin: float
     end: float
+    place: Place
 
 
-def stands(stances: Sequence[Stance], feet: Sequence[str]) -> dict[str, list[Stand]]:
-    """When each foot stands: from a little after it has landed until it lifts, or to the end."""
-    found: dict[str, list[Stand]] = {name: [] for name in feet}
+def stands(stances: Sequence[Stance], names: Sequence[str]) -> dict[str, list[Stand]]:
+    """When each contact rests where: a foot from a little after it has landed until it lifts, or to the end."""
+    found: dict[str, list[Stand]] = {name: [] for name in names}
     for name, own in found.items():
         before = False
         for stance in stances:
             stood = name in stance.places
             if stood and before:
-                own[-1] = Stand(own[-1].begin, stance.end)
+                own[-1] = replace(own[-1], end=stance.end)
             elif stood:
                 grace = LANDING * (stance.end - stance.begin) if stance.begin > 0 else 0.0
-                own.append(Stand(stance.begin + grace, stance.end))
+                own.append(Stand(stance.begin + grace, stance.end, stance.places[name]))
             before = stood
     return found
 
 
-def foot_motion(points: Array, times: Sequence[Stand], s: Array, poses: Array) -> Motion:
-    """Movement of a foot while it stands, 0 while it does not.
+def contact_motion(points: Array, times: Sequence[Stand], s: Array, poses: Array) -> Motion:
+    """Movement of a contact while it rests on what it is on, 0 while it does not.
 
-    points: contact points in the frame of the sole (k, 3) [m]; times: when it stands; s: planned, (N,); poses: position
-    and quaternion of the sole at the start of each step (N, 7)
+    points: in the frame of the contact (k, 3) [m]; times: when it rests; s: planned, (N,); poses: position and quaternion
+    of the contact's frame at the start of each step, world (N, 7)
     """
-    corners = poses[:, None, :3] + np.einsum("tij,kj->tki", _rotations(poses[:, 3:]), points)
+    place = times[0].place
+    rotations = place.axes.T @ _rotations(poses[:, 3:])
+    corners = (poses[:, None, :3] - place.position) @ place.axes + np.einsum("tij,kj->tki", rotations, points)
     lowest = corners[:, :, 2].min(axis=1)
-    tilt = np.arccos(np.clip(1.0 - 2.0 * (poses[:, 4] ** 2 + poses[:, 5] ** 2), -1.0, 1.0))
+    tilt = np.arccos(np.clip(rotations[:, 2, 2], -1.0, 1.0))
     slip, standing = np.zeros(len(s)), np.zeros(len(s), dtype=bool)
     for stand in times:
         here = np.flatnonzero((s >= stand.begin) & (s <= stand.end))

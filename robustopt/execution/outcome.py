@@ -37,12 +37,12 @@ class Status(Enum):
     @property
     def sentence(self) -> str:
         return {
-            Status.SUCCESS: "Every object stayed in its place, every standing foot too.",
+            Status.SUCCESS: "Every object stayed in its place, every standing foot and hand on a rail too.",
             Status.SLID: "An object slid further on its support than is allowed.",
-            Status.SLIPPED: "A standing foot slipped further on the floor than is allowed.",
+            Status.SLIPPED: "A standing foot slipped further on the floor than is allowed, or a hand on its rail.",
             Status.TIPPED: "An object tipped further against its support than is allowed.",
             Status.FELL: "An object dropped further below its place than is allowed, or the robot itself fell.",
-            Status.LOST_CONTACT: "An object rose off its support further than is allowed.",
+            Status.LOST_CONTACT: "An object rose off its support further than is allowed, or a hand off its rail.",
             Status.TORQUE_SATURATED: "A joint torque stayed at its limit for longer than is allowed.",
             Status.DIVERGED: "The simulation diverged; what it showed is not counted as physics.",
         }[self]
@@ -53,7 +53,7 @@ class ObjectOutcome:
     """What became of an object: how it failed first, or success, when (t = 0: start of the motion; nan: never) [s],
     and the largest slip [m], tilt [rad], drop [m] and lift [m] against what it stands on; nan for what does not count.
 
-    Of a robot on its feet the objects are both feet and the trunk.
+    Of a robot on its feet the objects are its contacts and the trunk.
     """
 
     status: Status

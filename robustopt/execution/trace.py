@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from robustopt.config import Config
 from robustopt.execution.execute import faster, prepare
 from robustopt.execution.feedback import acceleration_error
-from robustopt.execution.footing import FootContact
+from robustopt.execution.footing import MeasuredContact
 from robustopt.execution.monte_carlo import outcome_of, simulate_trials, tracking_error
 from robustopt.execution.outcome import Motion, TrialOutcome
 from robustopt.execution.simulation import Workspace
@@ -28,9 +28,9 @@ class Trace:
 
     t: start of each step, 0 where the motion starts (N,) [s]; moving: (N,) steps of the motion; tracking_error: joint
     positions less their reference (N, m) [rad or m]; planned: acceleration; executed: that plus the low-passed error
-    (see `feedback`), (N, n) [rad/s^2]; objects: movement of each against what it stands on, of both feet and the trunk
-    of a robot on its feet; qpos: (N, nq); joint_names: (m,); thresholds: of slip, tilt, drop and lift, by name;
-    feet: what the floor did to each foot; planned_feet: what it was to do
+    (see `feedback`), (N, n) [rad/s^2]; objects: movement of each against what it stands on, of the contacts and the
+    trunk of a robot on its feet; qpos: (N, nq); joint_names: (m,); thresholds: of slip, tilt, drop and lift, by name;
+    contacts: what was done to each of these contacts; planned_forces: what was to be done
     """
 
     outcome: TrialOutcome
@@ -43,8 +43,8 @@ class Trace:
     qpos: Array
     joint_names: tuple[str, ...]
     thresholds: Mapping[str, float]
-    feet: Mapping[str, FootContact] = field(default_factory=dict)
-    planned_feet: ContactForces | None = None
+    contacts: Mapping[str, MeasuredContact] = field(default_factory=dict)
+    planned_forces: ContactForces | None = None
 
 
 def trace(config: Config, plan: Plan, trial: int, seed: int | None = None, speed: float = 1.0) -> Trace:
@@ -54,10 +54,10 @@ def trace(config: Config, plan: Plan, trial: int, seed: int | None = None, speed
     scene, layout, planned = prepared.scene, prepared.layout, job.planned
     error, _ = acceleration_error(scene.velocities(layout, record, 0), planned.qdd, job.execution.timestep)
     criteria = [item for items in scene.criteria(job.execution.failure).values() for item in items]
-    feet: dict[str, FootContact] = {}
-    planned_feet = None
+    contacts: dict[str, MeasuredContact] = {}
+    wanted = None
     if isinstance(scene, WalkerScene) and isinstance(layout, WalkerLayout):
-        feet, planned_feet = scene.contacts(layout, record, 0), planned_forces(faster(plan, speed))
+        contacts, wanted = scene.contacts(layout, record, 0), planned_forces(faster(plan, speed))
     return Trace(
         outcome=outcome_of(job, prepared, record, 0),
         t=planned.t,
@@ -69,6 +69,6 @@ def trace(config: Config, plan: Plan, trial: int, seed: int | None = None, speed
         qpos=record.qpos[0],
         joint_names=scene.joint_names,
         thresholds={item.kind: item.limit for item in criteria},
-        feet=feet,
-        planned_feet=planned_feet,
+        contacts=contacts,
+        planned_forces=wanted,
     )

@@ -1,7 +1,8 @@
 """The simulated world of a robot on its feet: its model with true parameters on a level floor, under its controller.
 
-The contacts are those of the model file, a few spheres under each foot, with the true friction of that foot. The feet
-slip or the floating base falls, see `footing`.
+The contacts of the feet are those of the model file, a few spheres under each, with the true friction of that foot. A
+hand on a rail gets spheres at the corners of its contact patch, and the rail is a box that nothing else touches. What
+slips, loses contact or falls, see `footing`.
 """
 
 from __future__ import annotations
@@ -13,27 +14,37 @@ import mujoco
 import numpy as np
 
 from robustopt.config import BASE_COORDINATES as BASE
-from robustopt.config import Config, FailureConfig, TruthConfig
+from robustopt.config import FEET, Config, FailureConfig, TruthConfig
 from robustopt.errors import ConfigError
 from robustopt.execution.controller import Gains, JointLayout, Reference, controls
-from robustopt.execution.footing import FootContact, foot_motion, stands, trunk_motion, turning
+from robustopt.execution.footing import MeasuredContact, contact_motion, stands, trunk_motion, turning
 from robustopt.execution.outcome import Criterion, Motion, Status
 from robustopt.execution.scene import PREFIX, View, add_sky, compiled, set_inertia
 from robustopt.execution.simulation import Record, joint_velocities
 from robustopt.execution.truth import TrueBody, World, believed_friction
-from robustopt.path.footsteps import footsteps
+from robustopt.path.footsteps import Place, footsteps
 from robustopt.robot.model_file import model_file, read_model
 from robustopt.robot.walker import Walker, load_walker
 
 Array = np.ndarray
 
-FLOOR = PREFIX + "floor"
+FLOOR, RAIL = PREFIX + "floor", PREFIX + "rail"
+
+RAIL_LENGTH, RAIL_EDGE, RAIL_HEIGHT = 1.0, 0.01, 0.02
+"""A rail is this long and high, and this much wider than the palm on each side [m]."""
+
+PALM_SPHERE = 0.01
+"""Radius of the contact spheres of a hand [m]."""
+
+SOLREF, SOLIMP = (0.005, 1.0), (0.95, 0.99, 0.001, 0.5, 2.0)
+"""Stiffness of a hand's contacts: as that of the feet of the shipped humanoid."""
 
 DISTANCE, AZIMUTH, ELEVATION = 1.8, 110.0, -14.0
 """Place of the camera: from the trunk's path [m], about the vertical and above the horizon [deg]."""
 
-FALLEN = 1 << 20
-"""Contact bit of all that touches the floor only when the robot has fallen: everything but the feet."""
+FALLEN, ON_RAIL = 1 << 20, 1 << 21
+"""Contact bits of all that touches the floor only when the robot has fallen, everything but the feet, and of the hand
+that rests on a rail."""
 
 CONTACT_FIELDS = (mujoco.mjtConDataField.mjCONDATA_FORCE, mujoco.mjtConDataField.mjCONDATA_TORQUE,
                   mujoco.mjtConDataField.mjCONDATA_POS)  # fmt: skip
@@ -45,11 +56,11 @@ NET_FORCE = 3
 class WalkerLayout(JointLayout):
     """Where things are in the arrays of a compiled scene; bodies: all of the robot.
 
-    feet: first index in the sensor data of each foot: pose of its sole (3 + 4), then force, moment and place of its
-    contact force on the floor (3 + 3 + 3), all in the world
+    contacts: first index in the sensor data of each contact: pose of its site (3 + 4), then force, moment and place of its
+    force on the floor or the rail (3 + 3 + 3), all in the world
     """
 
-    feet: Mapping[str, int]
+    contacts: Mapping[str, int]
 
 
 class WalkerScene:
@@ -63,7 +74,7 @@ class WalkerScene:
         self.torque_limit = self.walker.limits.torque[BASE:]
         self._truth = (config.execution.truth if config.execution is not None else None) or TruthConfig()
         steps = footsteps(config)
-        self._stands, self._places = stands(steps.stances, list(self.walker.feet)), steps.places
+        self._stands, self._places = stands(steps.stances, list(self.walker.contacts)), steps.places
         self._base = self._with_controller(config, gains, timestep)
         self.pushed = self._base.joints[0].parent.name
         self.believed = World(believed_friction(config), self._named_bodies())
@@ -77,7 +88,7 @@ class WalkerScene:
         for name, body in world.bodies.items():
             set_inertia(spec.body(name), body)
         for name, mu in world.friction.items():
-            for sphere in _soles(spec, name):
+            for sphere in _spheres(spec, name):
                 sphere.friction = [mu, *sphere.friction[1:]]
         return compiled(spec)
 
@@ -90,13 +101,16 @@ class WalkerScene:
             dofs=np.array([joint.dofadr[0] for joint in joints]),
             control=model.actuator_ctrladr[actuators],
             bodies={model.body(k).name: k for k in range(1, model.nbody)},
-            feet={name: int(model.sensor(f"{PREFIX}{name}_mjSENS_FRAMEPOS").adr[0]) for name in self.walker.feet},
+            contacts={
+                name: int(model.sensor(f"{PREFIX}{name}_mjSENS_FRAMEPOS").adr[0]) for name in self.walker.contacts
+            },
         )
 
     def start(self, layout: WalkerLayout, q: Array, size: int) -> Array:
-        """qpos (size,) at coordinates q (n,), but as high that the lowest contact point touches the floor."""
+        """qpos (size,) at coordinates q (n,), but as high that the lowest contact point of a foot touches the floor."""
         qpos = self.walker.qpos(q[None])[0]
-        qpos[2] -= min(float(points[..., 2].min()) for points in self.walker.soles(q[None]).values())
+        points = self.walker.contact_points(q[None])
+        qpos[2] -= min(float(points[foot][..., 2].min()) for foot in FEET)
         return qpos
 
     def controls(self, model: mujoco.MjModel, layout: WalkerLayout, planned: Reference) -> Array:
@@ -114,35 +128,38 @@ class WalkerScene:
         )
 
     def motions(self, layout: WalkerLayout, planned: Reference, record: Record, i: int) -> dict[str, Motion]:
-        """Movement of both feet while they stand, and of the trunk against the plan."""
+        """Movement of both feet while they stand, of a hand on its rail, and of the trunk against the plan."""
         motions = {
-            name: foot_motion(
-                self.walker.feet[name].points, self._stands[name], planned.s, record.sensors[i][:, at : at + 7]
+            name: contact_motion(
+                self.walker.contacts[name].points, self._stands[name], planned.s, record.sensors[i][:, at : at + 7]
             )
-            for name, at in layout.feet.items()
+            for name, at in layout.contacts.items()
         }
         qpos = np.vstack([record.start_qpos[i, : BASE + 1], record.qpos[i, :-1, : BASE + 1]])
         return motions | {self.pushed: trunk_motion(planned.q[:, 2], qpos)}
 
-    def contacts(self, layout: WalkerLayout, record: Record, i: int) -> dict[str, FootContact]:
-        """What the floor does to each foot in a trial."""
+    def contacts(self, layout: WalkerLayout, record: Record, i: int) -> dict[str, MeasuredContact]:
+        """What the floor does to each foot, and the rail to a hand, in a trial."""
         found = {}
-        for name, at in layout.feet.items():
-            force, moment, place = np.split(record.sensors[i][:, at + 7 : at + 16].copy(), 3, axis=1)
-            # The sensor has what the foot does to the floor.
-            found[name] = FootContact.of(-force, -moment, place, self._base.option.timestep)
+        for name, at in layout.contacts.items():
+            force, moment, point = np.split(record.sensors[i][:, at + 7 : at + 16].copy(), 3, axis=1)
+            plane = self._stands[name][0].place
+            # The sensor has what the contact does to the floor or the rail.
+            found[name] = MeasuredContact.of(plane, -force, -moment, point, self._base.option.timestep)
         return found
 
     def criteria(self, failure: FailureConfig) -> dict[str, tuple[Criterion, ...]]:
-        """Feet slip, the trunk falls."""
+        """Feet and hands slip, a hand leaves its rail, the trunk falls."""
         slips = (Criterion(Status.SLIPPED, "slip", failure.foot_slip),)
+        leaves = (*slips, Criterion(Status.LOST_CONTACT, "lift", failure.hand_lift))
         drop = failure.trunk_drop * float(self.walker.posture[2])
         falls = (Criterion(Status.FELL, "tilt", failure.trunk_tilt), Criterion(Status.FELL, "drop", drop))
-        return dict.fromkeys(self.walker.feet, slips) | {self.pushed: falls}
+        contacts = {name: slips if name in FEET else leaves for name in self.walker.contacts}
+        return contacts | {self.pushed: falls}
 
     def view(self, layout: WalkerLayout, qpos: Array) -> View:
         """A camera that sees the whole way of the robot."""
-        middle = np.mean([place for standing in self._places for place in standing.values()], axis=0)
+        middle = np.mean([standing[foot].position[:2] for standing in self._places for foot in FEET], axis=0)
         return View(np.append(middle, float(self.walker.posture[2])), DISTANCE, AZIMUTH, ELEVATION)
 
     # Parts of the specification ---------------------------------------------------------------------------
@@ -162,15 +179,19 @@ class WalkerScene:
         spec.worldbody.add_geom(
             name=FLOOR, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 0.05], contype=1, conaffinity=1 | FALLEN,
         )  # fmt: skip
-        on_feet = {spec.site(foot).parent.name for foot in self.walker.feet}
+        on_feet = {spec.site(foot).parent.name for foot in FEET}
         for geom in spec.geoms:
             if geom.parent.name not in on_feet and geom.name != FLOOR:
                 geom.contype |= FALLEN
-        for foot in self.walker.feet:
-            _inset(spec, foot, self._truth.contact_inset.get(foot, 0.0))
-            for sphere in _soles(spec, foot):
+        for name, sole in self.walker.contacts.items():
+            origin, axes = self.walker.site_frame(name)
+            if name not in FEET:
+                _add_palm(spec, name, origin + (sole.points + [0.0, 0.0, PALM_SPHERE]) @ axes.T)
+                _add_rail(spec, self._places[0][name], sole.points)
+            _inset(spec, name, axes, self._truth.contact_inset.get(name, 0.0))
+            for sphere in _spheres(spec, name):
                 sphere.condim, sphere.priority = 3, 1
-            _add_sensors(spec, foot)
+            _add_sensors(spec, name, FLOOR if name in FEET else RAIL)
         return spec
 
     def _named_bodies(self) -> dict[str, TrueBody]:
@@ -208,37 +229,60 @@ IMPEDANCE_RATIO = 20.0
 ITERATIONS = 50
 
 
-def _soles(spec: mujoco.MjSpec, foot: str) -> list[mujoco.MjsGeom]:
-    """Spheres under a foot that can touch the floor."""
-    sphere = mujoco.mjtGeom.mjGEOM_SPHERE
-    return [geom for geom in spec.site(foot).parent.geoms if geom.type == sphere and geom.contype | geom.conaffinity]
+def _add_palm(spec: mujoco.MjSpec, hand: str, centers: Array) -> None:
+    """Contact spheres of a hand, their centres (k, 3) in the frame of its body."""
+    for k, center in enumerate(centers):
+        spec.site(hand).parent.add_geom(
+            name=f"{PREFIX}{hand}_{k}", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[PALM_SPHERE, 0.0, 0.0], mass=0.0,
+            pos=center, contype=ON_RAIL, conaffinity=0, solref=SOLREF, solimp=SOLIMP, rgba=(0.2, 0.2, 0.22, 1.0),
+        )  # fmt: skip
 
 
-def _inset(spec: mujoco.MjSpec, foot: str, inset: float) -> None:
-    """Move the contact points of a foot towards its middle along x and y of the foot."""
-    spheres = _soles(spec, foot)
-    middle = np.mean([sphere.pos for sphere in spheres], axis=0)
-    for sphere in spheres:
-        away = sphere.pos - middle
-        if np.any(np.abs(away[:2]) < inset):
-            raise ConfigError(
-                f"found {inset:g} m, which leaves nothing of {foot}", key=f"execution.truth.contact_inset.{foot}"
-            )
-        sphere.pos = sphere.pos - inset * np.append(np.sign(away[:2]), 0.0)
-
-
-def _add_sensors(spec: mujoco.MjSpec, foot: str) -> None:
-    kinds, objects = mujoco.mjtSensor, mujoco.mjtObj
-    for kind in (kinds.mjSENS_FRAMEPOS, kinds.mjSENS_FRAMEQUAT):
-        spec.add_sensor(name=f"{PREFIX}{foot}_{kind.name}", type=kind, objtype=objects.mjOBJ_SITE, objname=foot)
-    fields = sum(1 << int(field) for field in CONTACT_FIELDS)
-    spec.add_sensor(
-        name=f"{PREFIX}{foot}_contact", type=kinds.mjSENS_CONTACT, objtype=objects.mjOBJ_BODY,
-        objname=spec.site(foot).parent.name, reftype=objects.mjOBJ_GEOM, refname=FLOOR, intprm=[fields, NET_FORCE, 1],
+def _add_rail(spec: mujoco.MjSpec, place: Place, points: Array) -> None:
+    """A rail, a box, under a palm with its contact points (k, 3) at a place."""
+    quaternion = np.zeros(4)
+    mujoco.mju_mat2Quat(quaternion, place.axes.ravel())
+    half = [0.5 * RAIL_LENGTH, 0.5 * float(np.ptp(points[:, 1])) + RAIL_EDGE, 0.5 * RAIL_HEIGHT]
+    spec.worldbody.add_geom(
+        name=RAIL, type=mujoco.mjtGeom.mjGEOM_BOX, size=half, pos=place.position - half[2] * place.axes[:, 2],
+        quat=quaternion, contype=0, conaffinity=ON_RAIL, rgba=(0.55, 0.5, 0.45, 1.0),
     )  # fmt: skip
 
 
-def _add_floor_for_pictures(spec: mujoco.MjSpec, places: Sequence[Mapping[str, Array]], walker: Walker) -> None:
+def _spheres(spec: mujoco.MjSpec, contact: str) -> list[mujoco.MjsGeom]:
+    """Spheres of a foot that can touch the floor, or of a hand that can touch its rail."""
+    sphere = mujoco.mjtGeom.mjGEOM_SPHERE
+    geoms = [geom for geom in spec.site(contact).parent.geoms if geom.type == sphere]
+    return [geom for geom in geoms if (geom.contype if contact in FEET else geom.contype & ON_RAIL) | geom.conaffinity]
+
+
+def _inset(spec: mujoco.MjSpec, contact: str, axes: Array, inset: float) -> None:
+    """Move the contact points of a foot or hand towards their middle along x and y of its site, axes (3, 3)."""
+    spheres = _spheres(spec, contact)
+    middle = np.mean([sphere.pos for sphere in spheres], axis=0)
+    for sphere in spheres:
+        away = (sphere.pos - middle) @ axes
+        if np.any(np.abs(away[:2]) < inset):
+            raise ConfigError(
+                f"found {inset:g} m, which leaves nothing of {contact}", key=f"execution.truth.contact_inset.{contact}"
+            )
+        sphere.pos = sphere.pos - axes @ (inset * np.append(np.sign(away[:2]), 0.0))
+
+
+def _add_sensors(spec: mujoco.MjSpec, contact: str, ground: str) -> None:
+    """Sensors of the pose of a foot or hand, and of its force on the geom that it rests on."""
+    kinds, objects = mujoco.mjtSensor, mujoco.mjtObj
+    for kind in (kinds.mjSENS_FRAMEPOS, kinds.mjSENS_FRAMEQUAT):
+        spec.add_sensor(name=f"{PREFIX}{contact}_{kind.name}", type=kind, objtype=objects.mjOBJ_SITE, objname=contact)
+    fields = sum(1 << int(field) for field in CONTACT_FIELDS)
+    spec.add_sensor(
+        name=f"{PREFIX}{contact}_contact", type=kinds.mjSENS_CONTACT, objtype=objects.mjOBJ_BODY,
+        objname=spec.site(contact).parent.name, reftype=objects.mjOBJ_GEOM, refname=ground,
+        intprm=[fields, NET_FORCE, 1],
+    )  # fmt: skip
+
+
+def _add_floor_for_pictures(spec: mujoco.MjSpec, places: Sequence[Mapping[str, Place]], walker: Walker) -> None:
     """A floor with tiles, and footprints where the feet are to stand, so that slips can be seen."""
     pattern = spec.add_texture(
         name=FLOOR, type=mujoco.mjtTexture.mjTEXTURE_2D, builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
@@ -250,9 +294,9 @@ def _add_floor_for_pictures(spec: mujoco.MjSpec, places: Sequence[Mapping[str, A
     floor.material, floor.rgba = FLOOR, (1.0, 1.0, 1.0, 1.0)
     for k, standing in enumerate(places):
         pale = 0.35 * (len(places) - 1 - k) / max(len(places) - 1, 1)
-        for name, place in standing.items():
-            points = walker.feet[name].points[:, :2]
-            middle = place + 0.5 * (points.min(axis=0) + points.max(axis=0))
+        for name in FEET:
+            points = walker.contacts[name].points[:, :2]
+            middle = standing[name].position[:2] + 0.5 * (points.min(axis=0) + points.max(axis=0))
             spec.worldbody.add_geom(
                 type=mujoco.mjtGeom.mjGEOM_BOX, size=[*(0.5 * np.ptp(points, axis=0) - 0.01), 1e-3], pos=[*middle, 0.0],
                 rgba=(0.45 + pale, 0.85, 0.55 + pale, 1.0), contype=0, conaffinity=0, mass=0.0,

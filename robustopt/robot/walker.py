@@ -138,6 +138,12 @@ class Walker:
             raise RobotError(f"{contact} hangs from {len(limb)} joints; expected {expected}", key="robot.model")
         return limb
 
+    def site_frame(self, contact: str) -> tuple[Array, Array]:
+        """Origin (3,) [m] and axes, as columns (3, 3), of the frame of a contact in its body."""
+        site, axes = self._model.site(contact), np.zeros(9)
+        mujoco.mju_quat2Mat(axes, site.quat)
+        return site.pos.copy(), axes.reshape(3, 3)
+
     def qpos(self, q: Array) -> Array:
         """Positions (P, n + 1) of the model file, whose base is a free joint, for coordinates q (P, n)."""
         half = 0.5 * q[:, 3:6]
