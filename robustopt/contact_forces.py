@@ -41,9 +41,9 @@ class ContactForces:
     The first and the last are those of standing still; in between are the start and the end of every interval, so that
     where sdd jumps there are two instants at the same time.
 
-    t, s: time and place (M,); forces: per contact at its points (M, k, 3), world [N], 0 for a foot in the air; points: of
-    each contact (M, k, 3), world [m], as the planner counts on them, where a foot stood last while in the air; axes: of
-    each contact as columns (3, 3), its normal last; torque: (M, n) [N m], 0 for the base; residual: (M,) what the
+    t, s: time and place (M,); forces: per contact at its points (M, k, 3), world [N], 0 for a foot in the air; points:
+    of each contact (M, k, 3), world [m], as the planner counts on them, where a foot stood last while in the air; axes:
+    of each contact as columns (3, 3), its normal last; torque: (M, n) [N m], 0 for the base; residual: (M,) what the
     wrench misses, as a fraction of the weight
     """
 

@@ -27,8 +27,8 @@ LENGTH = 0.1
 
 @dataclass(frozen=True)
 class Values:
-    """Uncertain values: by contact its friction and the displacement of its points (k, 2) [m], error of the acceleration
-    (n,), and by body its mass [kg] and centre of mass (3,) [m]."""
+    """Uncertain values: by contact its friction and the displacement of its points (k, 2) [m], error of the
+    acceleration (n,), and by body its mass [kg] and centre of mass (3,) [m]."""
 
     friction: Mapping[str, float]
     shift: Mapping[str, Array]
@@ -55,7 +55,7 @@ class Walk:
     upper: Values
 
     def needs(self, at: Indices, bodies: Mapping[str, tuple[float, Array]]) -> tuple[Array, Array, dict[str, Array]]:
-        """Generalised force (T, n), per acceleration error (T, n, n), and Jacobians of the contacts at some instants."""
+        """Generalised force (T, n), per acceleration error (T, n, n), and the contacts' Jacobians at some instants."""
         return self.walker.inverse_dynamics(self.q[at], self.qd[at], self.qdd[at], bodies)
 
 

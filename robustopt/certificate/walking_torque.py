@@ -1,4 +1,4 @@
-"""Joint torques of a robot on its feet: known on one foot alone, else those of the sharing that spares the joints most."""
+"""Joint torques of a robot on its feet: known on one foot alone, else those of the sharing that spares joints most."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ EDGES = 32
 
 
 def check_torque(walk: Walk, worst: Mapping[int, Values], shared: int, tally: Tally) -> None:
-    """Torques of all joints on one foot alone, and on several contacts at some instants, each for the values that contacts like least and
-    as configured."""
+    """Torques of all joints on one foot alone, and on several contacts at some instants, each for the values that
+    contacts like least and as configured."""
     for k, stance in enumerate(walk.path.stances):
         at = np.flatnonzero(walk.stance == k)
         single = len(stance.contacts) == 1

@@ -49,8 +49,8 @@ class TruthConfig(Section):
     )
     contact_inset: dict[str, Distance] = Field(
         default={},
-        description="how much smaller than its shape the base of an object, a foot or the palm of a hand is on every side, by "
-        "name [m]",
+        description="how much smaller than its shape the base of an object, a foot or the palm of a hand is on every "
+        "side, by name [m]",
     )
     variation: VariationConfig = Field(
         default=VariationConfig(), description="how true values vary from trial to trial about those above"
@@ -108,8 +108,8 @@ class FailureConfig(Section):
     )
     foot_slip: Positive = Field(
         default=0.01,
-        description="a standing foot, or a hand on a rail, has slipped when one of its contact points has moved this far "
-        "[m]",
+        description="a standing foot, or a hand on a rail, has slipped when one of its contact points has moved this "
+        "far [m]",
     )
     hand_lift: Positive = Field(
         default=0.005, description="a hand has lost contact when all of its palm is this far above its rail [m]"

@@ -149,7 +149,7 @@ def common_direction(normals: Sequence[Array], friction: Sequence[float]) -> Arr
     return np.asarray(np.cos(middle) * first + np.sin(middle) * across / np.linalg.norm(across))
 
 
-def contact_axes(normal: Sequence[float], along: Sequence[float]) -> Array:
+def contact_axes(normal: Sequence[float] | Array, along: Sequence[float] | Array) -> Array:
     """Axes of a contact as columns (3, 3): z is its normal, x what of a direction is at a right angle to that.
 
     The vectors may have any length, but must not be parallel.

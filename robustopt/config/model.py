@@ -126,7 +126,8 @@ class ContactConfig(Section):
     friction: Friction | dict[str, Friction] = Field(
         default=0.5,
         description="coefficient of friction the planner believes: one value, or one per object for the interface "
-        "under it, per foot and hand of a robot on its feet (`default` for the rest); where it is not given and uncertainty.friction is, the middle of that",
+        "under it, per foot and hand of a robot on its feet (`default` for the rest); where it is not given and "
+        "uncertainty.friction is, the middle of that",
     )
     cone_edges: int = Field(
         default=16, ge=3, le=64, description="edges of the inner approximation of each friction cone"

@@ -109,8 +109,9 @@ def _rail(config: Config, rail: RailConfig) -> Iterator[Finding]:
     most = [_most_friction(config, name) for name in (*FEET, rail.contact)]
     if common_direction([np.array([0.0, 0.0, 1.0])] * 2 + [normal], most) is None:
         message = (
-            f"found {list(rail.normal)}, with which the hand and the feet could press against each other with any force "
-            f"at a friction of up to {max(most[:2]):g} and {most[2]:g}; expected one that points up more, or less friction"
+            f"found {list(rail.normal)}, with which the hand and the feet could press against each other with any "
+            f"force at a friction of up to {max(most[:2]):g} and {most[2]:g}; expected one that points up more, or "
+            "less friction"
         )
         yield (*key, "normal"), message
 

@@ -9,12 +9,12 @@ import numpy as np
 
 from robustopt.confidence import clopper_pearson
 from robustopt.config import Config, ExecutionConfig
+from robustopt.contact_forces import planned_forces
 from robustopt.errors import ConfigError, SimulationFailed
 from robustopt.execution.controller import Reference, gains_of, reference, require_stable
 from robustopt.execution.feedback import Feedback, feedback_of
 from robustopt.execution.monte_carlo import Job, Workers, run_all
 from robustopt.execution.outcome import Status, TrialOutcome
-from robustopt.contact_forces import planned_forces
 from robustopt.timescaling import Plan
 from robustopt.timescaling.plan import controls_of
 from robustopt.trajectory import Trajectory

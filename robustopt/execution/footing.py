@@ -19,7 +19,7 @@ from robustopt.path.footsteps import Place, Stance
 Array = np.ndarray
 
 TOUCHING = 1e-3
-"""A contact point lower than this touches the floor, or the rail [m]: contacts are soft, and a landing foot is not quite
+"""A contact point lower than this touches the floor or the rail [m]: contacts are soft, and a landing foot is not quite
 level."""
 
 LANDING = 0.15
@@ -36,8 +36,8 @@ STEEP = 1e-6
 class MeasuredContact:
     """What the floor does to a foot, or a rail to a hand, at the start of each step, low-passed as acceleration errors.
 
-    force: in the axes of the contact, the normal force last, (N, 3) [N]; center_of_pressure: where it acts in the plane of
-    the contact, x and y in the world (N, 2) [m], nan without a force
+    force: in the axes of the contact, the normal force last, (N, 3) [N]; center_of_pressure: where it acts in the plane
+    of the contact, x and y in the world (N, 2) [m], nan without a force
     """
 
     force: Array
@@ -81,8 +81,8 @@ def stands(stances: Sequence[Stance], names: Sequence[str]) -> dict[str, list[St
 def contact_motion(points: Array, times: Sequence[Stand], s: Array, poses: Array) -> Motion:
     """Movement of a contact while it rests on what it is on, 0 while it does not.
 
-    points: in the frame of the contact (k, 3) [m]; times: when it rests; s: planned, (N,); poses: position and quaternion
-    of the contact's frame at the start of each step, world (N, 7)
+    points: in the frame of the contact (k, 3) [m]; times: when it rests; s: planned, (N,); poses: position and
+    quaternion of the contact's frame at the start of each step, world (N, 7)
     """
     place = times[0].place
     rotations = place.axes.T @ _rotations(poses[:, 3:])

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robustopt.config import Config
+from robustopt.contact_forces import ContactForces, planned_forces
 from robustopt.execution.execute import faster, prepare
 from robustopt.execution.feedback import acceleration_error
 from robustopt.execution.footing import MeasuredContact
@@ -16,7 +17,6 @@ from robustopt.execution.monte_carlo import outcome_of, simulate_trials, trackin
 from robustopt.execution.outcome import Motion, TrialOutcome
 from robustopt.execution.simulation import Workspace
 from robustopt.execution.walker_scene import WalkerLayout, WalkerScene
-from robustopt.contact_forces import ContactForces, planned_forces
 from robustopt.timescaling import Plan
 
 Array = NDArray[np.float64]

@@ -36,8 +36,8 @@ class TrueBody:
 
 @dataclass(frozen=True)
 class World:
-    """friction: coefficient of the interface under each object, or foot; bodies: the tray (`tray`) and the objects, by
-    name, or those of the robot that the truth says something about."""
+    """friction: coefficient of the interface under each object, foot or hand; bodies: the tray (`tray`) and the objects
+    by name, or those of the robot that the truth says something about."""
 
     friction: Mapping[str, float]
     bodies: Mapping[str, TrueBody]

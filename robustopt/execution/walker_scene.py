@@ -56,8 +56,8 @@ NET_FORCE = 3
 class WalkerLayout(JointLayout):
     """Where things are in the arrays of a compiled scene; bodies: all of the robot.
 
-    contacts: first index in the sensor data of each contact: pose of its site (3 + 4), then force, moment and place of its
-    force on the floor or the rail (3 + 3 + 3), all in the world
+    contacts: first index in the sensor data of each contact: pose of its site (3 + 4), then force, moment and place of
+    its force on the floor or the rail (3 + 3 + 3), all in the world
     """
 
     contacts: Mapping[str, int]
@@ -186,7 +186,7 @@ class WalkerScene:
         for name, sole in self.walker.contacts.items():
             origin, axes = self.walker.site_frame(name)
             if name not in FEET:
-                _add_palm(spec, name, origin + (sole.points + [0.0, 0.0, PALM_SPHERE]) @ axes.T)
+                _add_palm(spec, name, origin + (sole.points + np.array([0.0, 0.0, PALM_SPHERE])) @ axes.T)
                 _add_rail(spec, self._places[0][name], sole.points)
             _inset(spec, name, axes, self._truth.contact_inset.get(name, 0.0))
             for sphere in _spheres(spec, name):

@@ -29,8 +29,8 @@ straight line there would have to be entered with a sharper turn."""
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Where a contact rests, or a foot is in the air: `position` of the middle of its sole in the world (3,) [m], `axes`
-    of its frame as columns (3, 3), z away from what it rests on."""
+    """Where a contact rests, or a foot is in the air: `position` of its middle in the world (3,) [m], `axes` of its
+    frame as columns (3, 3), z away from what it rests on."""
 
     position: Array
     axes: Array

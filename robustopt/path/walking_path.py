@@ -169,8 +169,8 @@ def _unreachable(steps: Footsteps, s: float, lost: str) -> tuple[str, str]:
     """What is out of reach at s, and the key of it; lost: contact that is furthest from its place."""
     if lost in HANDS:
         message = (
-            f"{steps.label(s)}: the {_words(lost)} does not reach its place on the rail; expected a rail that is nearer to "
-            "the walk, another height of it, or another direction of its normal"
+            f"{steps.label(s)}: the {_words(lost)} does not reach its place on the rail; expected a rail that is "
+            "nearer to the walk, another height of it, or another direction of its normal"
         )
         return message, "path.rail.at"
     message = f"the legs do not reach both feet at s = {s:.3f}; expected a shorter or narrower step, or a lower "

@@ -1,4 +1,4 @@
-"""Trials over time: how far objects, feet and joints stray, executed acceleration and foot forces against the plan."""
+"""Trials over time: how far objects, contacts and joints stray, accelerations and contact forces against the plan."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from robustopt.execution.trace import Trace
-from robustopt.plotting.style import BLUE, GREY, INK, LIMIT_COLOURS, PALE, VERMILLION
+from robustopt.plotting.style import BLUE, CONTACT_COLOURS, GREY, INK, LIMIT_COLOURS, PALE, VERMILLION
 
 SHOWN = 1.5
 """What exceeds this many times its threshold is cut off: an object on the floor says nothing more."""
@@ -18,13 +18,11 @@ SHOWN = 1.5
 FAR = 10.0
 """A threshold this many times further off than anything came is left out, so that what there is can be seen."""
 
-FOOT_COLOURS = {"left_foot": BLUE, "right_foot": VERMILLION}
-
 STILL = 1e-3
 """A coordinate that is accelerated by less than this part of the one that is accelerated most is not moved."""
 
 LOADED = 0.05
-"""Part of the largest planned force on a foot below which its centre of pressure says nothing."""
+"""Part of the largest planned force on a contact below which its friction and centre of pressure say nothing."""
 
 
 def trials_figure(traces: Sequence[Trace], title: str) -> Figure:
@@ -75,30 +73,30 @@ def accelerations_figure(trace: Trace, names: Sequence[str], title: str) -> Figu
         axis.set_ylabel(_words(names[int(k)]).replace(" ", "\n"))
         _mark(axis, trace)
     axes[-1].set_xlabel("time [s]")
-    unit = "[m/s², rad/s²]" if trace.feet else "[rad/s²]"
-    axes[0].set_title(f"{'' if trace.feet else 'joint '}acceleration {unit}, trial {trace.outcome.trial}")
+    unit = "[m/s², rad/s²]" if trace.contacts else "[rad/s²]"
+    axes[0].set_title(f"{'' if trace.contacts else 'joint '}acceleration {unit}, trial {trace.outcome.trial}")
     axes[0].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     figure.suptitle(title, x=0.01, ha="left")
     return figure
 
 
 def foot_contacts_figure(traces: Sequence[Trace], title: str) -> Figure:
-    """Normal force, used friction and centre of pressure of each foot over time beside the planned ones.
+    """Normal force, used friction and centre of pressure of each contact over time beside the planned ones.
 
     A column per trial of a robot on its feet.
     """
     figure = Figure(figsize=(max(3.6 * len(traces), 5.0) + 1.6, 8.4))
     axes = figure.subplots(4, len(traces), sharex="col", sharey="row", squeeze=False)
-    labels = ("normal force [N]", "horizontal / normal force", "centre of pressure, x [m]", "centre of pressure, y [m]")
+    labels = ("normal force [N]", "tangential / normal force", "centre of pressure, x [m]", "centre of pressure, y [m]")
     for column, trace in enumerate(traces):
-        _draw_feet(list(axes[:, column]), trace)
+        _draw_contacts(list(axes[:, column]), trace)
         axes[0, column].set_title(_heading(trace))
         axes[-1, column].set_xlabel("time [s]")
         for axis in axes[:, column]:
             _mark(axis, trace)
     for axis, label in zip(axes[:, 0], labels, strict=True):
         axis.set_ylabel(label)
-    most = max(_planned_load(trace) for trace in traces)
+    most = max(_planned_load(trace, name) for trace in traces for name in trace.contacts)
     axes[0, 0].set_ylim(0, 1.3 * most)
     axes[1, 0].set_ylim(0, 1.6 * max(mu for trace in traces for mu in trace.outcome.friction.values()))
     for row, spread in ((2, 0), (3, 1)):
@@ -113,14 +111,13 @@ def foot_contacts_figure(traces: Sequence[Trace], title: str) -> Figure:
     return figure
 
 
-def _draw_feet(axes: Sequence[Axes], trace: Trace) -> None:
-    planned = trace.planned_feet
+def _draw_contacts(axes: Sequence[Axes], trace: Trace) -> None:
+    planned = trace.planned_forces
     assert planned is not None
     load, friction, along, across = axes
-    least = LOADED * _planned_load(trace)
-    for name, contact in trace.feet.items():
-        colour, label = FOOT_COLOURS[name], _words(name)
-        force, wanted = contact.force, planned.total(name)
+    for name, contact in trace.contacts.items():
+        colour, label, least = CONTACT_COLOURS[name], _words(name), LOADED * _planned_load(trace, name)
+        force, wanted = contact.force, planned.pressed(name)
         pressed, wanted_pressed = force[:, 2] > least, wanted[:, 2] > least
         pale: dict[str, Any] = {"color": colour, "alpha": 0.45, "linewidth": 2.4}
         thin: dict[str, Any] = {"color": colour, "linewidth": 0.9}
@@ -141,20 +138,19 @@ def _draw_feet(axes: Sequence[Axes], trace: Trace) -> None:
 
 
 def _ratio(force: np.ndarray, pressed: np.ndarray) -> np.ndarray:
-    """Horizontal over normal force (N,), nan where the foot is not pressed."""
+    """Tangential over normal force (N,), nan where the contact is not pressed."""
     normal = np.where(pressed, force[:, 2], np.nan)
     return np.asarray(np.hypot(force[:, 0], force[:, 1]) / normal)
 
 
-def _planned_load(trace: Trace) -> float:
-    planned = trace.planned_feet
-    assert planned is not None
-    return max(float(planned.total(name)[:, 2].max()) for name in trace.feet)
+def _planned_load(trace: Trace, contact: str) -> float:
+    assert trace.planned_forces is not None
+    return float(trace.planned_forces.pressed(contact)[:, 2].max())
 
 
 def _soles(trace: Trace) -> list[np.ndarray]:
-    assert trace.planned_feet is not None
-    return list(trace.planned_feet.points.values())
+    assert trace.planned_forces is not None
+    return list(trace.planned_forces.points.values())
 
 
 def _shown_joints(traces: Sequence[Trace]) -> list[int]:

@@ -18,6 +18,9 @@ BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY, INDIGO, WINE = (
 LIMIT_COLOURS = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY, INDIGO, WINE)
 """Colours that people with a colour vision deficiency tell apart (Okabe and Ito; the last two of Paul Tol)."""
 
+CONTACT_COLOURS = {"left_foot": BLUE, "right_foot": VERMILLION, "left_hand": GREEN, "right_hand": PURPLE}
+"""Colours of the contacts of a robot on its feet."""
+
 INK, DARK_GREY, GREY, PALE = "#222222", "#666666", "#b3b3b3", "#ececec"
 OTHER = "other limits"
 

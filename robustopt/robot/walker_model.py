@@ -22,7 +22,7 @@ BASE_JOINTS = ("base_x", "base_y", "base_z", "base_yaw", "base_pitch", "base_rol
 
 @dataclass(frozen=True)
 class Sole:
-    """Contact points of a foot or a hand, (k, 3) in the frame of its site [m], in the plane z = 0, counter-clockwise."""
+    """Contact points of a foot or hand, (k, 3) in the frame of its site [m], in the plane z = 0, counter-clockwise."""
 
     points: np.ndarray
 

@@ -2,7 +2,7 @@
 
 `solve` repeats an outer solver (`reachability` or `ipopt`) until three things hold that its rows may lack: contact
 forces exist at both ends of every interval for every value of the parameters (inner programs, whose duals become rows);
-where two feet share the load, some of these forces keep the joint torques within their limits (likewise); and the
+where contacts share the load, some of these forces keep the joint torques within their limits (likewise); and the
 viscous torque, which the rows have linearised, is within its limit and the linearisation has settled.
 """
 
@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,6 +18,9 @@ from robustopt.problem import TimeScalingProblem
 from robustopt.problem.walking import StandingTorque
 from robustopt.timescaling.plan import Plan, Status, binding_rows, failed_plan, interval_ends
 from robustopt.timescaling.reachability import solve_reachability
+
+if TYPE_CHECKING:
+    from robustopt.timescaling.sharing import Programs
 
 __all__ = ["Plan", "Status", "solve", "standstill"]
 
@@ -50,6 +54,7 @@ def solve(problem: TimeScalingProblem, method: str | None = None) -> Plan:
     if method == "ipopt":
         problem = problem.with_facets(tuple(np.zeros_like(rows[:0]) for rows in problem.facets))
     programs: dict[int, object] = {}
+    shared: Programs = {}
     figures = {"rounds": 0.0, "inner_programs": 0.0, "inner_seconds": 0.0, "relinearisations": 0.0}
     plan, before = _outer(problem, method, None), np.inf
     for _ in range(MOST_ROUNDS):
@@ -58,7 +63,7 @@ def solve(problem: TimeScalingProblem, method: str | None = None) -> Plan:
             break
         tighter = _with_missing_rows(plan, method, programs, figures)
         if tighter is None:
-            tighter = _with_shared_rows(plan, figures)
+            tighter = _with_shared_rows(plan, shared, figures)
         if tighter is None:
             tighter = _relinearised(plan, before)
             figures["relinearisations"] += tighter is not None
@@ -128,8 +133,8 @@ def _with_missing_rows(
     return problem.with_facets(tuple(facets)) if found else None
 
 
-def _with_shared_rows(plan: Plan, figures: dict[str, float]) -> TimeScalingProblem | None:
-    """The problem with the torque rows that its plan violates where two feet share the load, None if there are none."""
+def _with_shared_rows(plan: Plan, programs: Programs, figures: dict[str, float]) -> TimeScalingProblem | None:
+    """The problem with the torque rows that its plan violates where contacts share the load, None if there are none."""
     problem, torque = plan.problem, plan.problem.limits.torque
     if not isinstance(torque, StandingTorque) or not _contacts_count(problem):
         return None
@@ -138,7 +143,7 @@ def _with_shared_rows(plan: Plan, figures: dict[str, float]) -> TimeScalingProbl
     began = time.perf_counter()
     u, x, points = interval_ends(problem, plan.x, plan.u)
     counted = problem.counts(2 * problem.robot.n + np.arange(problem.robot.n))
-    rows, solved = missing_shared_rows(torque, counted, points, u, x)
+    rows, solved = missing_shared_rows(torque, counted, points, u, x, programs)
     figures["inner_programs"] += solved
     figures["inner_seconds"] += time.perf_counter() - began
     return problem.with_torque(torque.with_rows(rows)) if rows else None

@@ -2,11 +2,11 @@
 
     minimise t + penalty m   such that   G lambda = w + m r,   |tau - J^T G lambda| <= (1 + t) tau_max,   lambda, m >= 0
 
-G holds the friction edges of all contacts, w is the wrench they must exert, tau are the torques of the joints that carry
-them, without contact forces, r is a wrench well inside the cone. t is what the joint that is used most exceeds its limit by, as a
-fraction of it, with the best sharing there is; m, what is missing of a wrench at the very edge of the cone. The dual is
-a row over the load, which holds for every sharing: where some value of the parameters violates it, the outer program
-lacks it (our choice).
+G holds the friction edges of all contacts, w is the wrench they must exert, tau are the torques of the joints that
+carry them, without contact forces, r is a wrench well inside the cone. t is what the joint that is used most exceeds
+its limit by, as a fraction of it, with the best sharing there is; m, what is missing of a wrench at the very edge of
+the cone. The dual is a row over the load, which holds for every sharing: where some value of the parameters violates
+it, the outer program lacks it (our choice).
 """
 
 from __future__ import annotations
@@ -32,6 +32,12 @@ MISS = 1e-5
 
 ROUNDS = 4
 """A dual changes which parameters are worst, they may have another dual."""
+
+LESS_DOUBTFUL = 0.2
+"""The same where these forces are those for the parameters that the contacts like least."""
+
+CHUNKS = 8
+"""Parts in which the facets of a stance are evaluated, for the sake of memory."""
 
 DOUBTFUL = 0.5
 """A program is not solved where explicit forces leave the joints more than this fraction of their limits in reserve;
@@ -73,6 +79,10 @@ class SharingProgram:
         return value, on_wrench, on_torque, constant, self.weight * z[:-2]
 
 
+Programs = dict[int, tuple[SharingProgram, Array]]
+"""Programs of grid points, and the indices of the joints in each."""
+
+
 def program_at(torque: StandingTorque, point: int, counted: Array) -> tuple[SharingProgram, Array]:
     """The program of a grid point where contacts share the load, and the indices of the joints in it.
 
@@ -88,46 +98,72 @@ def program_at(torque: StandingTorque, point: int, counted: Array) -> tuple[Shar
 
 
 def missing_shared_rows(
-    torque: StandingTorque, counted: Array, points: Array, u: Array, x: Array
+    torque: StandingTorque, counted: Array, points: Array, u: Array, x: Array, programs: Programs
 ) -> tuple[list[SharedRow], int]:
     """Rows on joint torques that a timing violates where contacts share the load, and programs solved.
 
-    counted: (n,) which joints' limits count; points, u, x: (M,)
+    counted: (n,) which joints' limits count; points, u, x: (M,); programs: those made so far, by grid point
     """
     shared = np.flatnonzero((~torque.known[points] & counted).any(axis=1))
-    shared = shared[_explicit_use(torque, counted, points[shared], u[shared], x[shared]) > 1.0 - DOUBTFUL]
-    loads = torque.loads.at(points[shared])
-    affine = np.stack([u[shared], x[shared], np.ones(len(shared))], axis=1)
-    nominal = np.einsum("mdk,mk->md", loads.middle(), affine)
+    points, u, x = points[shared], u[shared], x[shared]
+    affine = np.stack([u, x, np.ones(len(u))], axis=1)
+    middle = np.einsum("mdk,mk->md", torque.loads.middle()[points], affine)
+    worst = _worst_for_contacts(torque, points, u, x)
+    doubtful = _explicit_use(torque, counted, points, middle) > 1.0 - DOUBTFUL
+    more = _explicit_use(torque, counted, points, worst) > 1.0 - LESS_DOUBTFUL
     found, solved = [], 0
-    programs: dict[int, tuple[SharingProgram, Array]] = {}
-    for k, i in enumerate(shared):
-        point = int(points[i])
+    for k in np.flatnonzero(doubtful | more):
+        point, load = int(points[k]), worst[k] if more[k] else middle[k]
         if point not in programs:
             programs[point] = program_at(torque, point, counted)
-        program, joints = programs[point]
-        load, here, at = nominal[k], loads.at(np.array([k])), (u[i : i + 1], x[i : i + 1])
-        best = -np.inf
-        for _ in range(ROUNDS):
-            _, on_wrench, on_torque, constant, _ = program.solve(load[:BASE], load[joints])
-            solved += 1
-            row = np.zeros(len(load))
-            row[:BASE], row[joints] = on_wrench, on_torque
-            none = np.zeros((0, 0, 0))
-            value = float(evaluate(row[None], here, none, none, *at)[0, 0]) + constant
-            if value > VIOLATION and np.any(on_torque):
-                found.append(SharedRow(point, row, constant, int(joints[np.argmax(np.abs(on_torque))])))
-            if value <= max(best, -DOUBTFUL) + VIOLATION:
-                break
-            best, load = value, worst_wrench(here, row[None], *at)[0]
+        rows, count = _rows_from(torque, programs[point], point, load, (u[k : k + 1], x[k : k + 1]))
+        found += rows
+        solved += count
     return found, solved
 
 
-def _explicit_use(torque: StandingTorque, counted: Array, points: Array, u: Array, x: Array) -> Array:
-    """Share of their limits that the joints use with the smallest contact forces, for the parameters at the middle of
-    their intervals, (M,); infinite where the forces miss the wrench. points, u, x: (M,) where the load is shared."""
-    affine = np.stack([u, x, np.ones(len(u))], axis=1)
-    load = np.einsum("mdk,mk->md", torque.loads.middle()[points], affine)
+def _rows_from(
+    torque: StandingTorque, program: tuple[SharingProgram, Array], point: int, load: Array, at: tuple[Array, Array]
+) -> tuple[list[SharedRow], int]:
+    """Rows that are violated at a grid point, and programs solved: from a load (n,) to begin with to the row of its
+    dual, to the load that is worst for that, and again. at: u and x, (1,) each."""
+    (solver, joints), here, none = program, torque.loads.at(np.array([point])), np.zeros((0, 0, 0))
+    found, solved, best = [], 0, -np.inf
+    for _ in range(ROUNDS):
+        _, on_wrench, on_torque, constant, _ = solver.solve(load[:BASE], load[joints])
+        solved += 1
+        row = np.zeros(len(load))
+        row[:BASE], row[joints] = on_wrench, on_torque
+        value = float(evaluate(row[None], here, none, none, *at)[0, 0]) + constant
+        if value > VIOLATION and np.any(on_torque):
+            found.append(SharedRow(point, row, constant, int(joints[np.argmax(np.abs(on_torque))])))
+        if value <= max(best, -DOUBTFUL) + VIOLATION:
+            break
+        best, load = value, worst_wrench(here, row[None], *at)[0]
+    return found, solved
+
+
+def _worst_for_contacts(torque: StandingTorque, points: Array, u: Array, x: Array) -> Array:
+    """Loads (M, n) for the parameters that leave the contacts the least in reserve; points, u, x: (M,).
+
+    Then a weak limb may have to make up for what the others cannot carry.
+    """
+    worst, none = np.empty((len(points), torque.B.shape[2])), np.zeros((0, 0, 0))
+    for stance in np.unique(torque.standing[points]):
+        family = torque.contacts[stance]
+        assert family.system.facets is not None
+        for here in np.array_split(np.flatnonzero(torque.standing[points] == stance), CHUNKS):
+            at = (u[here], x[here])
+            values = evaluate(family.system.facets, family.loads.at(points[here]), none, none, *at)
+            direction = np.zeros((len(here), torque.B.shape[2]))
+            direction[:, :BASE] = family.system.facets[np.argmax(values, axis=1)]
+            worst[here] = worst_wrench(torque.loads.at(points[here]), direction, *at)
+    return worst
+
+
+def _explicit_use(torque: StandingTorque, counted: Array, points: Array, load: Array) -> Array:
+    """Share of their limits that the joints use with the smallest contact forces for loads (M, n) at grid points (M,)
+    where they are shared, (M,); infinite where the forces miss the wrench."""
     use = np.empty(len(points))
     for k in np.unique(torque.standing[points]):
         here, system = np.flatnonzero(torque.standing[points] == k), torque.contacts[k].system
