@@ -12,18 +12,18 @@ import pytest
 
 from robustopt.cli import run
 from robustopt.config import Config, load_config, with_values
+from robustopt.contact_forces import planned_forces
 from robustopt.errors import ConfigError
 from robustopt.execution import Status, execute, monte_carlo
 from robustopt.execution.controller import Gains, Reference, gains_of
 from robustopt.execution.execute import faster, prepare
-from robustopt.execution.footing import LANDING, FootContact, stands, turning
+from robustopt.execution.footing import LANDING, MeasuredContact, stands, turning
 from robustopt.execution.monte_carlo import Job, run_trials, simulate_trials
 from robustopt.execution.outcome import TrialOutcome
 from robustopt.execution.simulation import Workspace
 from robustopt.execution.trace import trace
 from robustopt.execution.truth import TrueBody, World
 from robustopt.execution.walker_scene import WalkerScene
-from robustopt.contact_forces import planned_forces
 from robustopt.learning.learner import Belief
 from robustopt.learning.moments import ErrorInterval
 from robustopt.path.footsteps import footsteps
@@ -35,6 +35,7 @@ from robustopt.timescaling import Plan, solve
 from robustopt.trajectory import Trajectory
 
 CONFIG = Path(__file__).parent.parent / "configs" / "humanoid_step.yaml"
+N = 33
 MASS = 42.2
 WEIGHT = MASS * 9.81
 QUIET = "execution={truth: {friction: 0.3}}"
@@ -64,7 +65,7 @@ def outcome_of(plan: Plan, *overrides: str, speed: float = 1.0) -> TrialOutcome:
 
 def standing(
     plan: Plan, config: Config, gravity: tuple[float, ...] = (0.0, 0.0, -9.81), seconds: float = 1.0
-) -> tuple[TrialOutcome, dict[str, FootContact]]:
+) -> tuple[TrialOutcome, dict[str, MeasuredContact]]:
     """A robot that stands where the plan starts, with the torque that this takes on a level floor."""
     job = prepare(config, plan)
     job = replace(job, config=job.config.model_copy(update={"gravity": gravity}))
@@ -108,20 +109,20 @@ def test_a_plan_that_is_right_about_its_world_succeeds(plan):
     assert max(outcome.objects[name].slip for name in ("left_foot", "right_foot")) < 1e-3
     assert outcome.tracking_error < 2e-3
     assert np.abs(outcome.error_mean).max() < 0.05
-    assert len(outcome.error_mean) == 27
+    assert len(outcome.error_mean) == N
 
 
 def test_measured_foot_forces_are_the_planned_ones(plan):
     seen = trace(configured(), plan, 0)
-    _, wanted = seen.planned_feet.sample(seen.t)
-    for name, contact in seen.feet.items():
+    _, wanted = seen.planned_forces.sample(seen.t)
+    for name, contact in seen.contacts.items():
         error = np.abs(contact.force - wanted[name])[seen.moving]
         assert np.median(error[:, 2]) < 0.005 * WEIGHT
         assert np.mean(error[:, 2]) < 0.02 * WEIGHT
         assert np.mean(error[:, :2]) < 0.01 * WEIGHT
         loaded = seen.moving & (wanted[name][:, 2] > 0.9 * WEIGHT)
-        place = seen.planned_feet.center_of_pressure(name)
-        planned = np.column_stack([np.interp(seen.t[loaded], seen.planned_feet.t, place[:, k]) for k in range(2)])
+        place = seen.planned_forces.center_of_pressure(name)
+        planned = np.column_stack([np.interp(seen.t[loaded], seen.planned_forces.t, place[:, k]) for k in range(2)])
         assert np.nanmedian(np.abs(contact.center_of_pressure[loaded] - planned)) < 0.003
 
 
@@ -177,7 +178,7 @@ def test_a_joint_that_stays_at_its_limit_is_reported():
 
 def test_a_simulation_that_diverges_is_never_a_success(plan):
     job = prepare(configured(), plan)
-    wild = Gains(np.full(21, 1e12), np.zeros(21), np.full(21, 1e9), job.gains.inputs)
+    wild = Gains(np.full(N - 6, 1e12), np.zeros(N - 6), np.full(N - 6, 1e9), job.gains.inputs)
     far = replace(job.planned, torque=1e15 * np.ones_like(job.planned.torque))
     scene_limits = configured("robot.limits={all: {torque: 1e15}}")
     (outcome,) = run_trials(Job(scene_limits, job.execution, wild, far, 0), [0], 1)
@@ -255,13 +256,13 @@ def test_gains_are_those_of_the_model_file_or_of_the_configuration(plan):
     assert gains.kp[:3].tolist() == [1500.0, 3000.0, 3000.0]
     assert gains.kd == pytest.approx(0.02 * gains.kp)
     config = configured("execution.controller.kp=2000")
-    assert gains_of(config, plan.problem.robot, np.zeros((1, 27))).kp.tolist() == [2000.0] * 21
+    assert gains_of(config, plan.problem.robot, np.zeros((1, N))).kp.tolist() == [2000.0] * (N - 6)
 
 
 def test_rates_of_the_base_are_the_changes_of_its_coordinates(plan):
     random = np.random.default_rng(0)
     walker, h = plan.problem.robot, 1e-6
-    q, qd = 0.4 * random.standard_normal((20, 27)), random.standard_normal((20, 27))
+    q, qd = 0.4 * random.standard_normal((20, N)), random.standard_normal((20, N))
     before, after = walker.qpos(q - h * qd), walker.qpos(q + h * qd)
     spins = np.empty((20, 3))
     for i in range(20):
@@ -280,7 +281,7 @@ def test_rates_of_the_base_are_the_changes_of_its_coordinates(plan):
         (["execution.truth.friction={torso: 0.3}"], "nothing is called torso"),
         (["execution.disturbance.on=hand"], "nothing is called hand"),
         (["execution.timestep=0.02"], "unstable with so long a time step"),
-        (["execution.disturbance.calibration_deviation=[1, 2]"], "one for each of the 21 joints"),
+        (["execution.disturbance.calibration_deviation=[1, 2]"], "one for each of the 27 joints"),
     ],
 )
 def test_a_mistake_is_one_clear_error(plan, overrides, message):
@@ -325,8 +326,8 @@ def test_the_friction_of_both_feet_is_learned():
 
 
 def test_a_learned_error_is_that_of_the_base_and_of_the_joints():
-    error = ErrorInterval(mean=tuple([-0.1] * 6 + [0.2] * 21), deviation=tuple([0.05] * 6 + [0.1] * 21), K=2.0)
+    error = ErrorInterval(mean=tuple([-0.1] * 6 + [0.2] * 27), deviation=tuple([0.05] * 6 + [0.1] * 27), K=2.0)
     uncertain = believing(configured(), Belief(error=error)).uncertainty
     assert uncertain.base_acceleration == pytest.approx((0.2,) * 6)
-    assert uncertain.joint_acceleration.mean == pytest.approx((0.2,) * 21)
+    assert uncertain.joint_acceleration.mean == pytest.approx((0.2,) * 27)
     assert uncertain.joint_acceleration.K == 2.0

@@ -40,7 +40,8 @@ SOLREF, SOLIMP = (0.005, 1.0), (0.95, 0.99, 0.001, 0.5, 2.0)
 """Stiffness of a hand's contacts: as that of the feet of the shipped humanoid."""
 
 DISTANCE, AZIMUTH, ELEVATION = 1.8, 110.0, -14.0
-"""Place of the camera: from the trunk's path [m], about the vertical and above the horizon [deg]."""
+"""Place of the camera: from the trunk's path [m], about the vertical and above the horizon [deg]; it looks from the side
+of the hand that is on a rail, else from the right."""
 
 FALLEN, ON_RAIL = 1 << 20, 1 << 21
 """Contact bits of all that touches the floor only when the robot has fallen, everything but the feet, and of the hand
@@ -85,6 +86,7 @@ class WalkerScene:
         if sky:
             add_sky(spec)
             _add_floor_for_pictures(spec, self._places, self.walker)
+            _add_posts_for_pictures(spec)
         for name, body in world.bodies.items():
             set_inertia(spec.body(name), body)
         for name, mu in world.friction.items():
@@ -160,7 +162,8 @@ class WalkerScene:
     def view(self, layout: WalkerLayout, qpos: Array) -> View:
         """A camera that sees the whole way of the robot."""
         middle = np.mean([standing[foot].position[:2] for standing in self._places for foot in FEET], axis=0)
-        return View(np.append(middle, float(self.walker.posture[2])), DISTANCE, AZIMUTH, ELEVATION)
+        azimuth = -AZIMUTH if "left_hand" in self.walker.contacts else AZIMUTH
+        return View(np.append(middle, float(self.walker.posture[2])), DISTANCE, azimuth, ELEVATION)
 
     # Parts of the specification ---------------------------------------------------------------------------
 
@@ -301,3 +304,17 @@ def _add_floor_for_pictures(spec: mujoco.MjSpec, places: Sequence[Mapping[str, P
                 type=mujoco.mjtGeom.mjGEOM_BOX, size=[*(0.5 * np.ptp(points, axis=0) - 0.01), 1e-3], pos=[*middle, 0.0],
                 rgba=(0.45 + pale, 0.85, 0.55 + pale, 1.0), contype=0, conaffinity=0, mass=0.0,
             )  # fmt: skip
+
+
+def _add_posts_for_pictures(spec: mujoco.MjSpec) -> None:
+    """Posts under the ends of a rail, if there is one."""
+    for rail in [geom for geom in spec.geoms if geom.name == RAIL]:
+        axes = np.zeros(9)
+        mujoco.mju_quat2Mat(axes, np.asarray(rail.quat, dtype=float))
+        for side in (-1.0, 1.0):
+            top = rail.pos + side * 0.95 * rail.size[0] * axes.reshape(3, 3)[:, 0]
+            if top[2] > 0.0:
+                spec.worldbody.add_geom(
+                    type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=[*top, *top[:2], 0.0], size=[0.01, 0.0, 0.0],
+                    rgba=rail.rgba, contype=0, conaffinity=0, mass=0.0,
+                )  # fmt: skip
