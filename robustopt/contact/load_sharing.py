@@ -28,7 +28,7 @@ DONE = 1e-9
 """Residual of the dual's gradient, relative to the weight, at which an instant is solved."""
 
 
-HAND_SHARE = 0.02
+HAND_SHARE = 0.2
 """How willingly the edges of a hand are used, against 1 for those of a foot: arms are weaker than legs (our choice)."""
 
 
