@@ -425,17 +425,8 @@ def test_forces_are_sampled_in_time(plan: Plan) -> None:
 def test_every_figure_is_drawn(plan: Plan) -> None:
     with house_style():
         drawn = figures(plan, plan.problem.config, certify(plan.problem.config, plan))
-    assert {
-        "phase_plane",
-        "feet",
-        "footprints",
-        "contacts",
-        "joints_1",
-        "joints_2",
-        "joints_3",
-        "joints_4",
-        "binding",
-    } == set(drawn)
+    joints = {f"joints_{k}" for k in range(1, 5)}
+    assert {"phase_plane", "feet", "footprints", "contacts", "binding"} | joints == set(drawn)
 
 
 def test_the_command_plans_and_writes_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

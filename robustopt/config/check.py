@@ -12,7 +12,7 @@ import numpy as np
 
 from robustopt.config.document import Key, show_key
 from robustopt.config.geometry import RESOLUTION, supports
-from robustopt.config.model import Config, ObjectConfig, TrayConfig, TrayPose
+from robustopt.config.model import HANDS, Config, ObjectConfig, TrayConfig, TrayPose
 from robustopt.config.scene_check import check_scene
 from robustopt.config.step_check import check_steps
 
@@ -23,8 +23,8 @@ Finding = tuple[Key, str]
 def check(config: Config, names: Collection[str] | None = None) -> Iterator[Finding]:
     """All mistakes in how the keys of a configuration fit together.
 
-    names: all objects that the configuration names; those that are missing in `config` were wrong in themselves,
-    so the scene as a whole is not checked.
+    names: all objects that the configuration names, or hands; those that are missing in `config` were wrong in
+    themselves, so the scene as a whole is not checked.
     """
     names = tuple(config.objects) if names is None else names
     yield from _names(config, names)
@@ -73,7 +73,8 @@ def _unknown(name: str, valid: Collection[str]) -> str:
 def _references(config: Config, names: Collection[str]) -> Iterator[Finding]:
     interfaces, bodies = (*names, "default"), ("tray", *names)
     if config.walks:  # bodies are those of the robot's model, which is not read yet
-        names, interfaces = config.interfaces, (*config.interfaces, "default")
+        hands = [name for name in HANDS if name in names]
+        names, interfaces = (*config.interfaces, *hands), (*config.interfaces, *hands, "default")
     uncertain, execution = config.uncertainty, config.execution
     per_name: list[tuple[Key, Any, Collection[str]]] = [
         (("contact", "friction"), config.contact.friction, interfaces),
@@ -105,7 +106,7 @@ def _references(config: Config, names: Collection[str]) -> Iterator[Finding]:
             if name not in valid:
                 yield (key if key[-1] == "on" else (*key, name)), _unknown(name, valid)
         if key == ("contact", "friction") and "default" not in values:
-            missing = [name for name in names if name not in values]
+            missing = [name for name in (config.interfaces if config.walks else names) if name not in values]
             if missing:
                 each = "object" if not config.walks else "foot" if config.path.rail is None else "foot and hand"
                 yield key, f"no value for {', '.join(missing)}; expected one for each {each}, or `default`"

@@ -40,8 +40,8 @@ SOLREF, SOLIMP = (0.005, 1.0), (0.95, 0.99, 0.001, 0.5, 2.0)
 """Stiffness of a hand's contacts: as that of the feet of the shipped humanoid."""
 
 DISTANCE, AZIMUTH, ELEVATION = 1.8, 110.0, -14.0
-"""Place of the camera: from the trunk's path [m], about the vertical and above the horizon [deg]; on the side of the hand
-that is on a rail, else on the right."""
+"""Place of the camera: from the trunk's path [m], about the vertical and above the horizon [deg]; on the side of the
+hand that is on a rail, else on the right."""
 
 FALLEN, ON_RAIL = 1 << 20, 1 << 21
 """Contact bits of all that touches the floor only when the robot has fallen, everything but the feet, and of the hand
