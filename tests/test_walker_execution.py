@@ -36,6 +36,8 @@ from robustopt.trajectory import Trajectory
 
 CONFIG = Path(__file__).parent.parent / "configs" / "humanoid_step.yaml"
 N = 33
+N = 33
+N = 33
 MASS = 42.2
 WEIGHT = MASS * 9.81
 QUIET = "execution={truth: {friction: 0.3}}"

@@ -39,6 +39,10 @@ CONFIG = Path(__file__).parent.parent / "configs" / "humanoid_step.yaml"
 BASE = 6
 N = 33
 """Coordinates of the shipped humanoid: six of its base, 27 joints."""
+N = 33
+"""Coordinates of the shipped humanoid: six of its base, 27 joints."""
+N = 33
+"""Coordinates of the shipped humanoid: six of its base, 27 joints."""
 
 
 def configured(*overrides: str) -> Config:

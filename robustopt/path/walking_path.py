@@ -44,6 +44,9 @@ PULL = 0.05
 STARTS, SETTLING = 16, 20
 """Postures of an arm from which that at the start of the path is sought, and steps in which it settles there."""
 
+SAME_POSTURE = 1e-2
+"""Two of them that have come this close to each other are the same [rad or m]."""
+
 SETTLING_PULL = 0.5
 """Part of the way to the posture of the model that an arm goes in each of these steps."""
 
@@ -108,14 +111,20 @@ def _starts(config: Config, walker: Walker, steps: Footsteps) -> Iterator[Array]
         yield posture
         return
     arm, rng = walker.limbs[config.path.rail.contact], np.random.default_rng(0)
-    low, high = (np.clip(limit[arm], -np.pi, np.pi) for limit in (walker.limits.lower, walker.limits.upper))
+    lower, upper = walker.limits.lower[arm], walker.limits.upper[arm]
+    low, high = np.clip(lower, -np.pi, np.pi), np.clip(upper, -np.pi, np.pi)
+    known: list[Array] = []
     for k in range(STARTS):
         q = posture.copy()
         if k:
             q[arm] = low + (high - low) * rng.random(len(arm))
         for _ in range(SETTLING):
             q, _ = _solve(walker, steps, 0.0, q, SETTLING_PULL, iterations=1)
-        yield q
+        q, errors = _solve(walker, steps, 0.0, q)
+        usable = max(errors.values()) <= ACCURACY and bool(np.all((q[arm] >= lower) & (q[arm] <= upper)))
+        if k == 0 or (usable and all(np.abs(q - other).max() > SAME_POSTURE for other in known)):
+            known.append(q)
+            yield q
 
 
 def _solve(
