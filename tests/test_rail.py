@@ -107,6 +107,7 @@ def test_a_palm_on_a_tilted_rail_lies_flat_on_it() -> None:
         ("path.rail.at=[0.1, 0.4, 0.7]", "between steps[0] and steps[1], on both feet, at"),
         ("path.rail.hand=right", "the right hand does not reach its place on the rail"),
         ("robot.limits={left_elbow: {position: [-1.2, 0]}}", "left_elbow would be at"),
+        ("path.rail.length=1.0", "torso and the rail collide"),
     ],
 )
 def test_a_rail_out_of_reach_says_where_on_the_way(override: str, words: str) -> None:
@@ -327,6 +328,7 @@ MISTAKES = [
     ("path.rail.place=[0, 0, 1]", "path.rail.place", "unknown key"),
     ("path.rail.at=[0.3, 0.27, -0.1]", "path.rail.at", "expected a place above the floor"),
     ("path.rail.normal=[0, 0, 0]", "path.rail.normal", "which has no direction"),
+    ("path.rail.length=0.05", "path.rail.length", "expected at least that of the palm on it, 0.08 m"),
     ("path.rail.along=[0, 0, 3]", "path.rail.along", "found the direction of the normal"),
     ("path.rail.normal=[0, 0.1, -1]", "path.rail.normal", "could press against each other with any force"),
     ("contact.friction={left_foot: 1, right_foot: 1}", "contact.friction", "no value for left_hand"),

@@ -13,7 +13,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from robustopt.config.model import Config, ObjectConfig
+from robustopt.config.model import Config, ObjectConfig, RailConfig
 from robustopt.errors import ConfigError
 
 Array = NDArray[np.float64]
@@ -158,6 +158,17 @@ def contact_axes(normal: Sequence[float] | Array, along: Sequence[float] | Array
     x = np.asarray(along, dtype=float) - (np.asarray(along) @ z) * z
     x /= np.linalg.norm(x)
     return np.column_stack([x, np.cross(z, x), z])
+
+
+RAIL_EDGE, RAIL_HEIGHT = 0.01, 0.02
+"""A rail is this much wider than the palm on each side, and this high [m]."""
+
+
+def rail_box(rail: RailConfig) -> tuple[Array, Array, Array]:
+    """A rail as a box: its middle (3,) [m], axes as columns (3, 3) and half its edge lengths (3,) [m]."""
+    axes = contact_axes(rail.normal, rail.along)
+    half = 0.5 * np.array([rail.length, rail.size[1] + 2.0 * RAIL_EDGE, RAIL_HEIGHT])
+    return np.array(rail.at) - half[2] * axes[:, 2], axes, half
 
 
 # Where the objects stand ----------------------------------------------------------------------------------

@@ -165,6 +165,10 @@ class RailConfig(Section):
     size: tuple[Length, Length] = Field(
         description="edge lengths of the part of the palm that touches the rail, along the rail and across it [m]"
     )
+    length: Length = Field(
+        default=0.3,
+        description="length of the rail, a bar with its middle at that place; the robot must not run into it [m]",
+    )
     normal: Vector3 = Field(
         default=(0.0, 0.0, 1.0), description="direction out of the rail at that place, of any length but 0"
     )

@@ -106,6 +106,8 @@ def _rail(config: Config, rail: RailConfig) -> Iterator[Finding]:
     normal, along = normal / np.linalg.norm(normal), along / np.linalg.norm(along)
     if np.linalg.norm(np.cross(normal, along)) < PARALLEL:
         yield (*key, "along"), "found the direction of the normal; expected one along the rail"
+    if rail.length < rail.size[0]:
+        yield (*key, "length"), f"found {rail.length:g} m; expected at least that of the palm on it, {rail.size[0]:g} m"
     most = [_most_friction(config, name) for name in (*FEET, rail.contact)]
     if common_direction([np.array([0.0, 0.0, 1.0])] * 2 + [normal], most) is None:
         message = (

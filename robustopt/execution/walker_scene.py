@@ -14,7 +14,8 @@ import mujoco
 import numpy as np
 
 from robustopt.config import BASE_COORDINATES as BASE
-from robustopt.config import FEET, Config, FailureConfig, TruthConfig
+from robustopt.config import FEET, Config, FailureConfig, RailConfig, TruthConfig
+from robustopt.config.geometry import rail_box
 from robustopt.errors import ConfigError
 from robustopt.execution.controller import Gains, JointLayout, Reference, controls
 from robustopt.execution.footing import MeasuredContact, contact_motion, stands, trunk_motion, turning
@@ -29,9 +30,6 @@ from robustopt.robot.walker import Walker, load_walker
 Array = np.ndarray
 
 FLOOR, RAIL = PREFIX + "floor", PREFIX + "rail"
-
-RAIL_LENGTH, RAIL_EDGE, RAIL_HEIGHT = 1.0, 0.01, 0.02
-"""A rail is this long and high, and this much wider than the palm on each side [m]."""
 
 PALM_SPHERE = 0.01
 """Radius of the contact spheres of a hand [m]."""
@@ -186,11 +184,12 @@ class WalkerScene:
         for geom in spec.geoms:
             if geom.parent.name not in on_feet and geom.name != FLOOR:
                 geom.contype |= FALLEN
+        if config.path.rail is not None:
+            _add_rail(spec, config.path.rail)
         for name, sole in self.walker.contacts.items():
             origin, axes = self.walker.site_frame(name)
             if name not in FEET:
                 _add_palm(spec, name, origin + (sole.points + np.array([0.0, 0.0, PALM_SPHERE])) @ axes.T)
-                _add_rail(spec, self._places[0][name], sole.points)
             _inset(spec, name, axes, self._truth.contact_inset.get(name, 0.0))
             for sphere in _spheres(spec, name):
                 sphere.condim, sphere.priority = 3, 1
@@ -241,14 +240,13 @@ def _add_palm(spec: mujoco.MjSpec, hand: str, centers: Array) -> None:
         )  # fmt: skip
 
 
-def _add_rail(spec: mujoco.MjSpec, place: Place, points: Array) -> None:
-    """A rail, a box, under a palm with its contact points (k, 3) at a place."""
-    quaternion = np.zeros(4)
-    mujoco.mju_mat2Quat(quaternion, place.axes.ravel())
-    half = [0.5 * RAIL_LENGTH, 0.5 * float(np.ptp(points[:, 1])) + RAIL_EDGE, 0.5 * RAIL_HEIGHT]
+def _add_rail(spec: mujoco.MjSpec, rail: RailConfig) -> None:
+    """A rail, which only the palm touches."""
+    quaternion, (middle, axes, half) = np.zeros(4), rail_box(rail)
+    mujoco.mju_mat2Quat(quaternion, axes.ravel())
     spec.worldbody.add_geom(
-        name=RAIL, type=mujoco.mjtGeom.mjGEOM_BOX, size=half, pos=place.position - half[2] * place.axes[:, 2],
-        quat=quaternion, contype=0, conaffinity=ON_RAIL, rgba=(0.55, 0.5, 0.45, 1.0),
+        name=RAIL, type=mujoco.mjtGeom.mjGEOM_BOX, size=half, pos=middle, quat=quaternion, contype=0,
+        conaffinity=ON_RAIL, rgba=(0.55, 0.5, 0.45, 1.0),
     )  # fmt: skip
 
 

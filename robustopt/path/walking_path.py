@@ -14,7 +14,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from robustopt.config import HANDS, Config
+from robustopt.config import HANDS, Config, RailConfig
 from robustopt.errors import PathError
 from robustopt.path import Path
 from robustopt.path.footsteps import Footsteps, footsteps
@@ -86,6 +86,8 @@ def build_walking_path(config: Config, walker: Walker) -> WalkingPath:
         raise failures[0]
     if config.robot.collision.check:
         _require_no_collision(path, walker, s)
+        if config.path.rail is not None:
+            _require_no_touch(path, walker, s, config.path.rail)
     return path
 
 
@@ -199,6 +201,18 @@ def _require_no_collision(path: WalkingPath, walker: Walker, s: Array) -> None:
             f"{path.label(float(s[index]))}: {first} and {second} collide, {1000 * depth:.1f} mm deep; expected feet "
             "further apart, or robot.collision.check: false",
             key=_key(path.footsteps, float(s[index])),
+        )
+
+
+def _require_no_touch(path: WalkingPath, walker: Walker, s: Array, rail: RailConfig) -> None:
+    """Raise PathError where the robot runs into the rail that its hand is on."""
+    found = walker.first_touch(path(s), rail)
+    if found is not None:
+        index, body, depth = found
+        raise PathError(
+            f"{path.label(float(s[index]))}: {body} and the rail collide, {1000 * depth:.1f} mm deep; expected another "
+            "place of the rail, a shorter one, or robot.collision.check: false",
+            key="path.rail.at",
         )
 
 

@@ -16,7 +16,8 @@ import mujoco
 import numpy as np
 
 from robustopt.config import BASE_COORDINATES as BASE
-from robustopt.config import FEET, HANDS, Config
+from robustopt.config import FEET, HANDS, Config, RailConfig
+from robustopt.config.geometry import rail_box
 from robustopt.errors import RobotError
 from robustopt.robot import switch_off_all_but_the_links
 from robustopt.robot.joint_limits import JointLimits, joint_limits
@@ -68,6 +69,9 @@ class BodyMotion:
     jacobian: Array
     to_force: Array
 
+
+RAIL = "robustopt_rail"
+"""Name of a rail among the geoms of a model."""
 
 TOUCH = 1e-4
 """Overlap that counts as touching [m]: rounding, well below any collision of interest."""
@@ -250,6 +254,29 @@ class Walker:
                 deepest = int(np.argmin(data.contact.dist))
                 first, second = (model.body(model.geom_bodyid[g]).name for g in data.contact.geom[deepest])
                 return t, (first, second), -float(data.contact.dist[deepest])
+        return None
+
+    def first_touch(self, q: Array, rail: RailConfig) -> tuple[int, str, float] | None:
+        """First of the postures q (T, n) in which a body overlaps a rail, apart from the hand that rests on it and the
+        body that the hand hangs from: its index, the body, and the overlap [m]."""
+        hand = int(self._model.site(rail.contact).bodyid[0])
+        allowed = {0, hand, int(self._model.body_parentid[hand])}
+        spec, quaternion, (middle, axes, half) = self.spec.copy(), np.zeros(4), rail_box(rail)
+        mujoco.mju_mat2Quat(quaternion, axes.ravel())
+        spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, name=RAIL, size=half, pos=middle, quat=quaternion)
+        model = spec.compile()
+        data, bar = mujoco.MjData(model), model.geom(RAIL).id
+        near = model.geom_rbound + model.geom_rbound[bar]
+        for t, qt in enumerate(q):
+            data.qpos[:] = qt
+            mujoco.mj_kinematics(model, data)
+            away = np.linalg.norm(data.geom_xpos - data.geom_xpos[bar], axis=1)
+            for geom in np.flatnonzero(away < near):
+                body = int(model.geom_bodyid[geom])
+                if body not in allowed:
+                    gap = mujoco.mj_geomDistance(model, data, bar, int(geom), 1.0, None)
+                    if gap < -TOUCH:
+                        return t, model.body(body).name, -gap
         return None
 
     def inertia_of(self, name: str) -> tuple[float, Array, Array]:
