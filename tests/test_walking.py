@@ -32,7 +32,7 @@ from robustopt.runs.beliefs import Planner
 from robustopt.runs.beliefs import believing as believing_config
 from robustopt.timescaling import Plan, Status, solve
 from robustopt.timescaling.plan import interval_ends
-from robustopt.timescaling.sharing import missing_shared_rows
+from robustopt.timescaling.sharing import SharingSearch
 from robustopt.trajectory import Trajectory
 
 CONFIG = Path(__file__).parent.parent / "configs" / "humanoid_step.yaml"
@@ -302,7 +302,7 @@ def test_weak_joints_slow_a_plan_down_also_where_both_feet_share_the_load() -> N
         rows = torque_of(found.problem)
         assert rows.rows
         u, x, points = interval_ends(found.problem, found.x, found.u)
-        assert missing_shared_rows(rows, np.ones(N, dtype=bool), points, u, x, {})[0] == []
+        assert SharingSearch(np.ones(N, dtype=bool)).missing_rows(rows, points, u, x)[0] == []
     margins = certify(weak.config, plans[0]).margins  # on the grid, which is too coarse for what is in between
     assert min(margin.on_grid for margin in margins.values()) > -1e-6
 

@@ -20,7 +20,7 @@ from robustopt.timescaling.plan import Plan, Status, binding_rows, failed_plan, 
 from robustopt.timescaling.reachability import solve_reachability
 
 if TYPE_CHECKING:
-    from robustopt.timescaling.sharing import Programs
+    from robustopt.timescaling.sharing import SharingSearch
 
 __all__ = ["Plan", "Status", "solve", "standstill"]
 
@@ -54,7 +54,7 @@ def solve(problem: TimeScalingProblem, method: str | None = None) -> Plan:
     if method == "ipopt":
         problem = problem.with_facets(tuple(np.zeros_like(rows[:0]) for rows in problem.facets))
     programs: dict[int, object] = {}
-    shared: Programs = {}
+    shared: list[SharingSearch] = []
     figures = {"rounds": 0.0, "inner_programs": 0.0, "inner_seconds": 0.0, "relinearisations": 0.0}
     plan, before = _outer(problem, method, None), np.inf
     for _ in range(MOST_ROUNDS):
@@ -133,17 +133,18 @@ def _with_missing_rows(
     return problem.with_facets(tuple(facets)) if found else None
 
 
-def _with_shared_rows(plan: Plan, programs: Programs, figures: dict[str, float]) -> TimeScalingProblem | None:
+def _with_shared_rows(plan: Plan, search: list[SharingSearch], figures: dict[str, float]) -> TimeScalingProblem | None:
     """The problem with the torque rows that its plan violates where contacts share the load, None if there are none."""
     problem, torque = plan.problem, plan.problem.limits.torque
     if not isinstance(torque, StandingTorque) or not _contacts_count(problem):
         return None
-    from robustopt.timescaling.sharing import missing_shared_rows
+    from robustopt.timescaling.sharing import SharingSearch
 
     began = time.perf_counter()
     u, x, points = interval_ends(problem, plan.x, plan.u)
-    counted = problem.counts(2 * problem.robot.n + np.arange(problem.robot.n))
-    rows, solved = missing_shared_rows(torque, counted, points, u, x, programs)
+    if not search:
+        search.append(SharingSearch(problem.counts(2 * problem.robot.n + np.arange(problem.robot.n))))
+    rows, solved = search[0].missing_rows(torque, points, u, x)
     figures["inner_programs"] += solved
     figures["inner_seconds"] += time.perf_counter() - began
     return problem.with_torque(torque.with_rows(rows)) if rows else None

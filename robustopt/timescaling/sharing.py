@@ -33,6 +33,9 @@ MISS = 1e-5
 ROUNDS = 4
 """A dual changes which parameters are worst, they may have another dual."""
 
+STILL = 1e-8
+"""Part of the largest u and x by which they may have changed where rows are not looked for again."""
+
 LESS_DOUBTFUL = 0.2
 """The same where these forces are those for the parameters that the contacts like least."""
 
@@ -79,10 +82,6 @@ class SharingProgram:
         return value, on_wrench, on_torque, constant, self.weight * z[:-2]
 
 
-Programs = dict[int, tuple[SharingProgram, Array]]
-"""Programs of grid points, and the indices of the joints in each."""
-
-
 def program_at(torque: StandingTorque, point: int, counted: Array) -> tuple[SharingProgram, Array]:
     """The program of a grid point where contacts share the load, and the indices of the joints in it.
 
@@ -97,29 +96,48 @@ def program_at(torque: StandingTorque, point: int, counted: Array) -> tuple[Shar
     return SharingProgram(generators, pull, torque.limit[joints], family.weight), joints
 
 
-def missing_shared_rows(
-    torque: StandingTorque, counted: Array, points: Array, u: Array, x: Array, programs: Programs
-) -> tuple[list[SharedRow], int]:
-    """Rows on joint torques that a timing violates where contacts share the load, and programs solved.
+class SharingSearch:
+    """Looks for rows on joint torques that timings violate where contacts share the load, one timing after the other.
 
-    counted: (n,) which joints' limits count; points, u, x: (M,); programs: those made so far, by grid point
+    counted: (n,) which joints' limits count; programs: those made so far with the indices of their joints, by grid
+    point; settled: (M, 2) u and x at each end of an interval at which no row was missing, nan where one was
     """
-    shared = np.flatnonzero((~torque.known[points] & counted).any(axis=1))
-    points, u, x = points[shared], u[shared], x[shared]
-    affine = np.stack([u, x, np.ones(len(u))], axis=1)
-    middle = np.einsum("mdk,mk->md", torque.loads.middle()[points], affine)
-    worst = _worst_for_contacts(torque, points, u, x)
-    doubtful = _explicit_use(torque, counted, points, middle) > 1.0 - DOUBTFUL
-    more = _explicit_use(torque, counted, points, worst) > 1.0 - LESS_DOUBTFUL
-    found, solved = [], 0
-    for k in np.flatnonzero(doubtful | more):
-        point, load = int(points[k]), worst[k] if more[k] else middle[k]
-        if point not in programs:
-            programs[point] = program_at(torque, point, counted)
-        rows, count = _rows_from(torque, programs[point], point, load, (u[k : k + 1], x[k : k + 1]))
-        found += rows
-        solved += count
-    return found, solved
+
+    def __init__(self, counted: Array) -> None:
+        self.counted = counted
+        self.programs: dict[int, tuple[SharingProgram, Array]] = {}
+        self.settled = np.full((0, 2), np.nan)
+
+    def missing_rows(self, torque: StandingTorque, points: Array, u: Array, x: Array) -> tuple[list[SharedRow], int]:
+        """Rows that a timing violates, and programs solved; points, u, x: (M,), the same points each time."""
+        timing = np.stack([u, x], axis=1)
+        if len(self.settled) != len(timing):
+            self.settled = np.full(timing.shape, np.nan)
+        still = (np.abs(timing - self.settled) <= STILL * np.abs(timing).max(axis=0)).all(axis=1)
+        shared = (~torque.known[points] & self.counted).any(axis=1)
+        look = np.flatnonzero(shared & ~still)
+        self.settled[look] = timing[look]
+        found, solved = [], 0
+        for k, load in self._doubtful(torque, points[look], u[look], x[look]):
+            end, point = look[k], int(points[look[k]])
+            if point not in self.programs:
+                self.programs[point] = program_at(torque, point, self.counted)
+            rows, count = _rows_from(torque, self.programs[point], point, load, (u[[end]], x[[end]]))
+            self.settled[end] = np.nan if rows else timing[end]
+            found += rows
+            solved += count
+        return found, solved
+
+    def _doubtful(self, torque: StandingTorque, points: Array, u: Array, x: Array) -> list[tuple[int, Array]]:
+        """Which of the ends (M,) explicit forces leave too little in reserve, each with the load (n,) that says so."""
+        if not len(points):
+            return []
+        affine = np.stack([u, x, np.ones(len(u))], axis=1)
+        middle = np.einsum("mdk,mk->md", torque.loads.middle()[points], affine)
+        worst = _worst_for_contacts(torque, points, u, x)
+        few = _explicit_use(torque, self.counted, points, middle) > 1.0 - DOUBTFUL
+        fewer = _explicit_use(torque, self.counted, points, worst) > 1.0 - LESS_DOUBTFUL
+        return [(int(k), worst[k] if fewer[k] else middle[k]) for k in np.flatnonzero(few | fewer)]
 
 
 def _rows_from(
