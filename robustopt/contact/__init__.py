@@ -96,22 +96,26 @@ def skew(vector: Array) -> Array:
 
 def about_point(point: Array) -> Array:
     """Matrix that takes a wrench about the origin to one about `point`, shape (6, 6)."""
-    transform = np.eye(6)
-    transform[3:, :3] = -skew(point)
+    transform, (x, y, z) = np.eye(6), point
+    transform[3, 1], transform[3, 2], transform[4, 0] = z, -y, -z
+    transform[4, 2], transform[5, 0], transform[5, 1] = x, y, -x
     return transform
 
 
 def friction_edges(mu: float, edges: int) -> Array:
     """Unit-normal edges of the friction cone's inner approximation, first edge along x, shape (edges, 3)."""
     angle = 2 * np.pi * np.arange(edges) / edges
-    return np.column_stack([mu * np.cos(angle), mu * np.sin(angle), np.ones(edges)])
+    return np.array([mu * np.cos(angle), mu * np.sin(angle), np.ones(edges)]).T
 
 
 def wrench_generators(points: Array, mu: float, edges: int) -> Array:
     """Wrenches about the origin of edge forces at `points` (n, 3), shape (6, n * edges)."""
-    forces = np.tile(friction_edges(mu, edges), (len(points), 1))
-    arms = np.repeat(points, edges, axis=0)
-    return np.column_stack([forces, np.cross(arms, forces)]).T
+    fx, fy, fz = friction_edges(mu, edges).T
+    x, y, z = points.T[:, :, None]
+    wrenches = np.empty((6, len(points), edges))
+    wrenches[0], wrenches[1], wrenches[2] = fx, fy, fz
+    wrenches[3], wrenches[4], wrenches[5] = y * fz - z * fy, z * fx - x * fz, x * fy - y * fx
+    return wrenches.reshape(6, -1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,6 +231,7 @@ def contact_systems(
     return tuple(_system(config, group, eroded, friction) for group in _groups(config))
 
 
+@lru_cache(maxsize=256)
 def _eroded(patch: Patch, shift: float) -> Patch:
     if shift == 0.0:
         return patch
@@ -320,7 +325,13 @@ def _facets(patch: Patch, mu: float, edges: int) -> tuple[Array, Array] | None:
     """
     if len(patch.polygon) * edges > MOST_GENERATORS:
         return None
+    centre, local, cone = _local_cone(patch, edges)
+    return None if cone is None else (_scaled(cone, local, mu) @ about_point(centre), cone.kinds)
+
+
+@lru_cache(maxsize=256)
+def _local_cone(patch: Patch, edges: int) -> tuple[Array, Array, UnitCone | None]:
+    """Centre of a patch (3,) in the tray frame, the patch about it (n, 2), and its unit cone."""
     centre = np.append(patch.polygon.mean(axis=0), patch.z)
     local = patch.polygon - centre[:2]
-    cone = _cone(local, edges)
-    return None if cone is None else (_scaled(cone, local, mu) @ about_point(centre), cone.kinds)
+    return centre, local, _cone(local, edges)

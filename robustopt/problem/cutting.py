@@ -142,7 +142,7 @@ def _add_sizes(wrenches, group, out):
             out[group[k], j] += abs(wrenches[k, j])
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, forceinline=True)
 def _margin(B, b, f, constant, base_terms, i, group, out):
     """out[f, g] = what the terms that depend on neither u nor x add to row B[b, f] at grid point i."""
     out[f] = 0.0
@@ -153,7 +153,7 @@ def _margin(B, b, f, constant, base_terms, i, group, out):
         out[f, group[k]] += abs(product)
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, forceinline=True)
 def _value(B, b, f, own, margins, central, swings, group, box, lowest, highest):
     """Value of row B[b, f] for the wrenches W_g0, W_gk and sum_k |R_gk| of a load, every parameter at its worst.
 

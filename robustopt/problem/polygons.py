@@ -108,6 +108,7 @@ def start(u_bound: Array, x_max: Array, velocity_name: Array) -> Polygons:
     points = len(x_max)
     polygons = _empty(points, 4)
     vertices, rows, names = polygons.vertices, polygons.rows, polygons.names
+    vertices[:], rows[:], names[:] = 0.0, 0.0, NO_NAME
     vertices[:, 0, 0] = vertices[:, 3, 0] = -u_bound
     vertices[:, 1, 0] = vertices[:, 2, 0] = u_bound
     vertices[:, 2, 1] = vertices[:, 3, 1] = x_max
@@ -121,8 +122,9 @@ def start(u_bound: Array, x_max: Array, velocity_name: Array) -> Polygons:
 
 
 def _empty(points: int, room: int) -> Polygons:
-    vertices, rows = np.zeros((points, room, 2)), np.zeros((points, room, 3))
-    return Polygons(vertices, rows, np.full((points, room), NO_NAME), np.zeros(points, dtype=np.int64))
+    """Polygons that have no vertices yet; what is beyond the vertices of a polygon means nothing."""
+    vertices, rows = np.empty((points, room, 2)), np.empty((points, room, 3))
+    return Polygons(vertices, rows, np.empty((points, room), dtype=np.int64), np.zeros(points, dtype=np.int64))
 
 
 def cut(polygons: Polygons, family: Family) -> Polygons:

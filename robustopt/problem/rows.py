@@ -132,12 +132,9 @@ def _fill(loads, regressors, parameters, group, kind, carries, about, middle, ra
     for i in range(points):
         term, rest = 0, 0
         for k in range(len(kind)):
-            origin[:] = 0.0
-            for m in range(10):
-                if parameters[k, m] != 0.0:
-                    for c in range(used):
-                        for r in range(6):
-                            origin[c, r] += regressors[i, c, r, m] * parameters[k, m]
+            for c in range(used):
+                for r in range(6):
+                    origin[c, r] = _dot(regressors, i, c, r, parameters, k)
             for block in range(carries.shape[1]):
                 if not carries[k, block]:
                     continue
@@ -162,6 +159,15 @@ def _fill(loads, regressors, parameters, group, kind, carries, about, middle, ra
                         elif spread:
                             remainder[i, row, spread_slot[group[k]], 2] += abs(part)
             term, rest = term + (kind[k] == 1), rest + (kind[k] == 2)
+
+
+@nb.njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
+def _dot(regressors, i, c, r, parameters, k):
+    """Product of row r of a regressor with ten inertial parameters."""
+    product = 0.0
+    for m in range(10):
+        product += regressors[i, c, r, m] * parameters[k, m]
+    return product
 
 
 @nb.njit(cache=True, nogil=True)
@@ -217,9 +223,9 @@ class TorqueFamily:
     base_terms: Array
     viscous: Array
 
-    def carrying(self, payload: Loads) -> TorqueFamily:
-        """The same limits with another payload whose intervals are as many."""
-        return replace(self, loads=payload)
+    def carrying(self, payload: Loads, base_terms: Array) -> TorqueFamily:
+        """The same limits with another payload, and other acceleration errors about the same middle."""
+        return replace(self, loads=payload, base_terms=base_terms)
 
     def family(self, reference: Array, x_top: Array, used: Array, names: Array) -> Family:
         """The rows that are used, (2n,), with the viscous part linearised about a reference (P,), and their names."""
@@ -271,6 +277,7 @@ def both(array: Array) -> Array:
 
 
 def torque_family(motion: PathMotion, limits: JointLimits, loads: Loads, middle: Array, radius: Array) -> TorqueFamily:
+    """Joint torque limits with a payload; middle, radius: of the joint acceleration error (n,) [rad/s^2]."""
     points, joints = motion.q1.shape
     arm, limit = motion.arm, np.r_[limits.torque, limits.torque]
     sign = np.r_[np.ones(joints), -np.ones(joints)]
@@ -282,12 +289,18 @@ def torque_family(motion: PathMotion, limits: JointLimits, loads: Loads, middle:
     base[:, :, 2] += both(arm.mass_matrix @ middle) * sign + both(np.tile(limits.dry_friction, (points, 1))) * resisting
     base /= limit[:, None]
     base[:, :, 2] -= 1.0
-    erring = np.flatnonzero(radius)
-    own = both(arm.mass_matrix[:, :, erring] * radius[erring]) * (sign / limit)[:, None]
-    base_terms = np.zeros((points, 2 * joints, len(loads.constant_group)))
-    base_terms[:, :, : len(erring)] = own
     viscous = both(limits.viscous_friction * motion.q1) * (sign / limit)
-    return TorqueFamily(B, loads, base, base_terms, viscous)
+    return TorqueFamily(B, loads, base, own_inertia_terms(motion, limits, loads, radius), viscous)
+
+
+def own_inertia_terms(motion: PathMotion, limits: JointLimits, loads: Loads, radius: Array) -> Array:
+    """What each constant interval term of a payload's loads adds to the torque rows by the arm's own inertia,
+    (P, 2n, n_c)."""
+    erring, n = np.flatnonzero(radius), motion.q1.shape[1]
+    terms = np.zeros((len(motion.q1), 2 * n, len(loads.constant_group)))
+    terms[:, :n, : len(erring)] = motion.arm.mass_matrix[:, :, erring] * radius[erring] / limits.torque[:, None]
+    terms[:, n:] = -terms[:, :n]
+    return terms
 
 
 def _changes_sign(q1: Array) -> Array:

@@ -17,7 +17,15 @@ import numpy as np
 from robustopt.config import Config
 from robustopt.path import Path
 from robustopt.problem.polygons import Loads, Polygons, start
-from robustopt.problem.rows import PathMotion, TorqueFamily, acceleration_rows, body_loads, path_motion, torque_family
+from robustopt.problem.rows import (
+    PathMotion,
+    TorqueFamily,
+    acceleration_rows,
+    body_loads,
+    own_inertia_terms,
+    path_motion,
+    torque_family,
+)
 from robustopt.problem.uncertainty import Body
 from robustopt.problem.walking import WalkMotion, walk_motion, walking_loads
 from robustopt.robot import Robot
@@ -81,11 +89,12 @@ class Track:
 
     def torque(self, payload: Loads, error: Error) -> TorqueFamily:
         """Joint torque limits with a payload."""
-        motion = self.motion
+        motion, limits = self.motion, self.robot.limits
         assert isinstance(motion, PathMotion)
+        family = self._once("torque", error[0].tobytes(), lambda: torque_family(motion, limits, payload, *error))
         key = (len(payload.constant_group), _bytes(error))
-        family = self._once("torque", key, lambda: torque_family(motion, self.robot.limits, payload, *error))
-        return family if family.loads is payload else family.carrying(payload)
+        terms = self._once("torque terms", key, lambda: own_inertia_terms(motion, limits, payload, error[1]))
+        return family.carrying(payload, terms)
 
     def acceleration(self, error: Error) -> Array:
         """Rows of the joint acceleration limits, (P, 2n, 3)."""
@@ -95,7 +104,7 @@ class Track:
 
     def outline(self, error: Error) -> Polygons:
         """Rectangles that hold every (u, x) of the acceleration limits, twice as wide as they need to be."""
-        return self._once("outline", _bytes(error), lambda: _outline(self, error[0]))
+        return self._once("outline", error[0].tobytes(), lambda: _outline(self, error[0]))
 
     def _once(self, kind: str, key: Hashable, make: Callable[[], Value]) -> Value:
         """A result that may be at hand; two threads may make it at the same time, alike."""
