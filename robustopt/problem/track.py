@@ -18,10 +18,12 @@ from robustopt.config import Config
 from robustopt.path import Path
 from robustopt.problem.polygons import Loads, Polygons, start
 from robustopt.problem.rows import (
+    BodyWrenches,
     PathMotion,
     TorqueFamily,
     acceleration_rows,
     body_loads,
+    body_wrenches,
     own_inertia_terms,
     path_motion,
     torque_family,
@@ -77,7 +79,12 @@ class Track:
         motion = self.motion
         assert isinstance(motion, PathMotion)
         key = (tuple(map(tuple, carried)), np.concatenate(about).tobytes(), _bytes(error))
-        return self._once("loads", key, lambda: body_loads(motion, carried, about, *error))
+        erring = any(map(np.any, error))
+
+        def wrenches_of(body: Body) -> BodyWrenches:
+            return self._once("wrenches", (body, erring), lambda: body_wrenches(motion, body, erring))
+
+        return self._once("loads", key, lambda: body_loads(carried, about, *error, wrenches_of))
 
     def walking_loads(self, config: Config, error: Error) -> Loads:
         """Load of a robot on its feet with the configured beliefs: see `walking`."""
