@@ -1,9 +1,11 @@
 """Cutting of feasible polygons with rows, compiled: the inner loops of `polygons`, whose types and formula these are.
 
 A family of rows is evaluated at a vertex; the row that is violated most cuts the polygon; and so on until no vertex
-violates anything. Two things keep this cheap, and change no result. |B_f| sum_k |W_gk| bounds the interval terms, so
-most rows are known to hold after two products instead of one per term. And what binds at one grid point mostly binds
-at the next: its rows are tried first, by themselves, so that nearly every look at all rows confirms a vertex.
+violates anything. Three things keep this cheap, and change no result. |B_f| sum_k |W_gk| bounds the interval terms, so
+most rows are known to hold after two products instead of one per term. Facets come like next to like, so the least and
+the largest entries of a block of them bound them all, and few blocks are looked into. And what binds at one grid point
+mostly binds at the next: its rows are tried first, by the piece that is active where they bound, so that nearly every
+look at all rows confirms a vertex.
 """
 
 from __future__ import annotations
@@ -226,7 +228,14 @@ def _block_bounds(entries, sizes, m, central, reach, lowest, highest, out):
     for k in range(len(out)):
         out[k] = 0.0
     for g in range(len(lowest)):
-        w0, w1, w2, w3, w4, w5 = central[g, 0], central[g, 1], central[g, 2], central[g, 3], central[g, 4], central[g, 5]
+        w0, w1, w2, w3, w4, w5 = (
+            central[g, 0],
+            central[g, 1],
+            central[g, 2],
+            central[g, 3],
+            central[g, 4],
+            central[g, 5],
+        )
         e0, e1, e2 = upper * (w0 > 0.0), upper * (w1 > 0.0), upper * (w2 > 0.0)
         e3, e4, e5 = upper * (w3 > 0.0), upper * (w4 > 0.0), upper * (w5 > 0.0)
         low, high = lowest[g], highest[g]

@@ -129,23 +129,7 @@ def _empty(points: int, room: int) -> Polygons:
 
 def cut(polygons: Polygons, family: Family) -> Polygons:
     """Polygons cut with a family of rows. Raises SolverFailed where one would have more than MAX_VERTICES edges."""
-    return _stored(cut_family, polygons, _in_sixes(family)) if len(family.names) else polygons
-
-
-def _in_sixes(family: Family) -> Family:
-    """The family with zeros added to its load, which the compiled loops take six numbers at a time."""
-    missing = -family.B.shape[2] % 6
-    if not missing:
-        return family
-
-    def padded(array: Array) -> Array:
-        return np.pad(array, [(0, 0), (0, missing), *[(0, 0)] * (array.ndim - 2)])
-
-    loads, over_rows = family.loads, ("nominal", "terms", "constant", "remainder")
-    return family._replace(
-        B=np.pad(family.B, [(0, 0), (0, 0), (0, missing)]),
-        loads=loads._replace(**{name: padded(getattr(loads, name)) for name in over_rows}),
-    )
+    return _stored(cut_family, polygons, family) if len(family.names) else polygons
 
 
 def cut_part(polygons: Polygons, family: Family, first: int, last: int) -> Polygons:

@@ -16,7 +16,7 @@ import numpy as np
 
 from robustopt.config import Config
 from robustopt.path import Path
-from robustopt.problem.polygons import Loads, Polygons, start
+from robustopt.problem.polygons import Loads, Polygons, cut_affine, start
 from robustopt.problem.rows import (
     BodyWrenches,
     PathMotion,
@@ -112,6 +112,12 @@ class Track:
     def outline(self, error: Error) -> Polygons:
         """Rectangles that hold every (u, x) of the acceleration limits, twice as wide as they need to be."""
         return self._once("outline", error[0].tobytes(), lambda: _outline(self, error[0]))
+
+    def joint_polygons(self, error: Error) -> Polygons:
+        """The outline, cut with the rows of the joint acceleration limits, which are named n + joint."""
+        names = self.robot.n + np.tile(np.arange(self.robot.n), 2)
+        rows = self.acceleration(error)
+        return self._once("joint polygons", _bytes(error), lambda: cut_affine(self.outline(error), rows, names))
 
     def _once(self, kind: str, key: Hashable, make: Callable[[], Value]) -> Value:
         """A result that may be at hand; two threads may make it at the same time, alike."""

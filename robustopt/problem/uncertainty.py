@@ -139,7 +139,8 @@ def uncertain_body(name: str, mass: tuple[float, float], arm: Array, inertia: Ar
 
 
 def _product(a: Array, b: Array) -> Array:
-    """-(skew(a) skew(b) + skew(b) skew(a)) / 2 = a b I - (a b^T + b a^T) / 2 of vectors (..., 3), as in phi, (..., 6)."""
+    """-(skew(a) skew(b) + skew(b) skew(a)) / 2, which is a b I - (a b^T + b a^T) / 2, of vectors (..., 3), as the
+    inertia in phi, (..., 6)."""
     entries: Array = -0.5 * (a[..., FIRST] * b[..., SECOND] + a[..., SECOND] * b[..., FIRST])
     entries[..., :3] += (a * b).sum(axis=-1)[..., None]
     return entries
