@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from monotone_problems import HELD_OUT, TUNING, problem
+from real_problems import optimum
 from scipy.stats import beta
 from synthetic_worlds import World, run
 
@@ -296,3 +297,12 @@ def test_few_plans_are_enough_where_planning_is_slow(make):
     state = solve(learner, lambda point: task.execute(point, 0, 0))
     assert len(asked) < 300
     assert learner.incumbent(state) < 1.3 * task.optimum
+
+
+@pytest.mark.parametrize(("k", "columns"), [(2, 33), (3, 13)])
+@pytest.mark.parametrize("seed", range(len(TUNING)))
+def test_brute_force_by_columns_finds_the_optimum(k, columns, seed):
+    task = problem(k, seed, TUNING)
+    best = optimum(task.cost, lambda point: task.margin(point[None])[0] >= 0, k, columns)
+    assert task.margin(best[None])[0] >= 0
+    assert task.cost(best[None])[0] <= 1.01 * task.optimum
