@@ -55,10 +55,10 @@ TASKS = (
     Task(
         "waiter: friction, height",
         replace(WAITER, overrides=(*WAITER.overrides, STILL), executions_per_plan=1),
-        nodes=25, columns=33, seeds=(10, 3),
+        nodes=25, columns=33, seeds=(10, 2),
     ),
-    Task("humanoid: frictions", FRICTIONS, nodes=17, columns=33, seeds=(5, 3)),
-    Task("humanoid: frictions, error", WITH_ERROR, nodes=9, columns=13, seeds=(5, 3)),
+    Task("humanoid: frictions", FRICTIONS, nodes=17, columns=33, seeds=(3, 1)),
+    Task("humanoid: frictions, error", WITH_ERROR, nodes=9, columns=13, seeds=(3, 1)),
 )  # fmt: skip
 
 
