@@ -1,6 +1,6 @@
 """Writes the paper's tables and figure, and with --all those beyond it: `make reproduce-tables`, `make reproduce-all`.
 
-python experiments/reproduce.py [--all] [--out results/tables] [--only PART ...]
+python experiments/reproduce.py [--all] [--only PART ...] [--jobs N] [--out results/tables]
 """
 
 from __future__ import annotations
@@ -8,15 +8,26 @@ from __future__ import annotations
 import argparse
 import importlib
 import time
-from collections.abc import Callable
-from contextlib import contextmanager
+from collections.abc import Callable, MutableMapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from multiprocessing import Manager, get_context
 from pathlib import Path
 
 from learned import TABLES, Bench, bench
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+
+from robustopt.execution.monte_carlo import cores
 
 PAPER = ("durations", "table_1", "table_2", "figure_3", "table_3", "table_4", "figure_8")
 BEYOND = ("table_2_truths", "table_2_K", "table_2_calibrated")
 """Parts, each a module with `write(out, place)`; the first are the paper's own."""
+
+LONGEST = ("table_2_K", "table_2_calibrated", "table_4", "table_3")
+"""Parts that take minutes: begun first, so that no worker ends long after the others."""
+
+TIMED = ("figure_3",)
+"""Parts that measure times: each has the machine to itself."""
 
 Write = Callable[[Path, Bench], list[Path]]
 
@@ -27,32 +38,46 @@ def write_of(part: str) -> Write:
     return write
 
 
-@contextmanager
-def bar(total: int):
-    """A bar of the parts done, with what is going on, where a person is watching; else a line per part."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+def run_part(part: str, out: Path, workers: int, said: MutableMapping[str, str]) -> str:
+    """Write one part and tell which files; what is going on meanwhile goes to `said`."""
+    began = time.perf_counter()
+    paths = write_of(part)(out, bench(part, out, workers, lambda text: said.update({part: text})))
+    return f"{part}: {', '.join(path.name for path in paths)} ({time.perf_counter() - began:.0f} s)"
 
+
+def run_parts(parts: Sequence[str], out: Path, jobs: int, workers: int) -> None:
+    """Write parts, `jobs` of them at a time, with a bar of those that are done and a line for each under way."""
+    timed = [part for part in parts if part in TIMED]
+    others = sorted(
+        (part for part in parts if part not in TIMED),
+        key=lambda part: LONGEST.index(part) if part in LONGEST else len(LONGEST),
+    )
+    with Manager() as manager, _bar() as progress:
+        said: MutableMapping[str, str] = manager.dict()
+        whole = progress.add_task("parts", total=len(parts))
+        for together, count in ((others, jobs), (timed, 1)):
+            with ProcessPoolExecutor(count, mp_context=get_context("spawn")) as pool:
+                futures = {pool.submit(run_part, part, out, workers, said): part for part in together}
+                lines: dict[str, TaskID] = {}
+                while futures:
+                    done, _ = wait(futures, timeout=0.5, return_when=FIRST_COMPLETED)
+                    for part, text in dict(said).items():
+                        if part not in lines:
+                            lines[part] = progress.add_task(part, total=None)
+                        progress.update(lines[part], description=f"{part}, {text}")
+                    for future in done:
+                        part = futures.pop(future)
+                        if part in lines:
+                            progress.update(lines[part], visible=False)
+                        print(future.result(), flush=True)
+                        progress.advance(whole)
+
+
+def _bar() -> Progress:
+    """Where a person is watching, a bar; else nothing but a line per part that is done."""
     console = Console(stderr=True, highlight=False)
     columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
-    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
-        yield progress, progress.add_task("", total=total)
-
-
-def run_parts(parts: tuple[str, ...], out: Path, workers: int = 1) -> None:
-    """Write parts in their order."""
-    with bar(len(parts)) as (progress, line):
-        for part in parts:
-            began = time.perf_counter()
-
-            def say(text: str, part: str = part) -> None:
-                progress.update(line, description=f"{part}, {text}")
-
-            say("...")
-            paths = write_of(part)(out, bench(part, out, workers, say))
-            progress.advance(line)
-            names = ", ".join(path.name for path in paths)
-            print(f"{part}: {names} ({time.perf_counter() - began:.0f} s)", flush=True)
+    return Progress(*columns, console=console, disable=not console.is_terminal)
 
 
 def run_alone(part: str, write: Write) -> None:
@@ -69,10 +94,11 @@ def main() -> None:
     parser.add_argument("--all", action="store_true", help="everything beyond the paper too")
     parser.add_argument("--only", nargs="+", choices=(*PAPER, *BEYOND), help="these parts alone")
     parser.add_argument("--out", type=Path, default=TABLES, help="folder for the tables")
+    parser.add_argument("--jobs", type=int, default=cores(), help="parts at a time")
     parser.add_argument("--workers", type=int, default=1, help="processes of a simulation")
     arguments = parser.parse_args()
     parts = arguments.only or (PAPER + BEYOND if arguments.all else PAPER)
-    run_parts(tuple(parts), arguments.out, arguments.workers)
+    run_parts(parts, arguments.out, arguments.jobs, arguments.workers)
 
 
 if __name__ == "__main__":

@@ -184,6 +184,15 @@ def test_a_journal_with_executions_that_nobody_asked_for_is_refused():
         replayed(learned.learner, journal)
 
 
+def test_a_plan_that_is_another_one_when_made_again_is_not_executed():
+    config, journal, executor = task("ilrobs", trials=0), Journal.in_memory(), Threshold()
+    whole = learn(config, Threshold())
+    journal.add_plan(whole.rows[0].trial.belief, 1.001 * whole.rows[0].trial.duration)
+    with pytest.raises(RunFolderError, match=r"a plan in the journal lasts .* and made again it lasts"):
+        learn(config, executor, journal=journal)
+    assert executor.calls == []
+
+
 # Run ahead ------------------------------------------------------------------------------------------------
 
 

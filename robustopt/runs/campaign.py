@@ -12,11 +12,15 @@ from robustopt.config import Config, LearningConfig
 from robustopt.errors import ConfigError, RunFolderError
 from robustopt.execution.monte_carlo import CHUNK
 from robustopt.learning import learner_of
-from robustopt.learning.learner import Learner, Planned, Request, Result, Row, State, tell_all
+from robustopt.learning.learner import Learner, Planned, Request, Result, Row, State, Trial, tell_all
 from robustopt.learning.parameters import Array, Cost
 from robustopt.runs.beliefs import Planner, learned_from
 from robustopt.runs.executors import JUDGED, Executor, Simulated
+from robustopt.runs.experiment import PlanResult
 from robustopt.runs.journal import Journal
+
+SAME_PLAN = 1e-6
+"""Relative difference in duration of a plan that is made again, at most."""
 
 
 @dataclass(frozen=True)
@@ -158,9 +162,24 @@ class _Campaign:
         assert trial is not None
         count = self.executor.ahead(request.executions, trial.executions)
         numbers = range(request.first, request.first + count)
-        executions = self.executor.run(self.planner.plan(request.belief), numbers, request.speed)
+        executions = self.executor.run(self._planned(trial), numbers, request.speed)
         self.state, used = tell_all(self.learner, self.state, [execution.outcome for execution in executions])
         self.journal.add_executions(request.speed, executions[:used])
+
+    def _planned(self, trial: Trial) -> PlanResult:
+        """The plan of a trial, made again where the run goes on after an interruption.
+
+        Raises RunFolderError where it is another one then.
+        """
+        result = self.planner.plan(trial.belief)
+        before, now = trial.duration, result.plan.duration
+        assert before is not None, "a belief without a plan is not executed"
+        if not abs(now - before) <= SAME_PLAN * before:
+            raise RunFolderError(
+                f"a plan in the journal lasts {before:.9g} s, and made again it lasts {now:.9g} s; expected the same "
+                "versions of robustopt and of its libraries, and an unchanged robot model"
+            )
+        return result
 
     # Judging ---------------------------------------------------------------------------------------------
 
@@ -183,7 +202,7 @@ class _Campaign:
             return
         for start in range(0, len(missing), CHUNK):
             numbers = missing[start : start + CHUNK]
-            self.journal.add_judgements(i, self.executor.run(self.planner.plan(row.trial.belief), numbers, 1.0))
+            self.journal.add_judgements(i, self.executor.run(self._planned(row.trial), numbers, 1.0))
         found = self._known(i)
         if found is not None:
             self.judged[i] = found

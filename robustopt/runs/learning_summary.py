@@ -50,13 +50,18 @@ def _ended(end: End) -> str:
     return end.value if end in (End.NO_PLAN, End.NO_SUCCESS) else End.NO_SUCCESS.value
 
 
+_FIXED_FRICTION = (End.STABLE, End.ITERATION_LIMIT)
+"""Ends of the learner that leaves friction alone."""
+
+
 def sentence(learned: Learned) -> str:
     """What was learned, in a few sentences."""
     best, end = learned.best, learned.state.end
     assert end is not None
     spent = f"{_count(learned.state.executed, 'execution')} of {_count(_executed_plans(learned), 'plan')}"
     if best is None:
-        return f"{end.sentence} {spent}."
+        friction = " Friction stayed as it is believed; `ilrobs` learns it too." if end in _FIXED_FRICTION else ""
+        return f"{end.sentence} {spent}.{friction}"
     trial = best.trial
     times = f"{trial.successes} of {trial.successes + trial.failures} times{_fresh(learned, best)}"
     text = f"{_capital(described(trial.belief))}: a plan of {trial.duration:.4f} s that succeeded {times}."
