@@ -99,17 +99,19 @@ BELOW = """
   run the regret is at most 5 %. All methods have {budget} executions. An empty cell: the median run does not get there.
 - One execution decides: nothing is random in these worlds, for which the waiter's tray is not pushed as it is in Table
   3. So the learners have one run each, and the seeds of the other methods are of their own choices.
-- The methods choose by f* interpolated (log-linearly) between the nodes of a table of plans, {nodes}. What is executed
-  is the plan itself, and the regret is that of its own duration.
-- The true optimum is by brute force: columns along the last parameter, {columns}, then {fine} times as dense around the
-  best. In each the slowest plan that would be {resolution:g} % faster than the best so far is executed, and the column
-  is bisected if it succeeds. Regret can be negative by the {resolution:g} %, and by what lies between columns.
+- The methods choose by f* interpolated (log-linearly) between the nodes of a table of plans: {nodes}, in the order of
+  the tasks. What is executed is the plan itself, and the regret is that of its own duration.
+- The true optimum is by brute force: columns along the last parameter ({columns}), then {fine} times as dense around
+  the best. In each the slowest plan that would be {resolution:g} % faster than the best so far is executed, and the
+  column is bisected if it succeeds. Regret can be negative by the {resolution:g} %, and by what lies between columns.
 - "Proven gap": incumbent over lower bound at the end of the run, minus 1; a run ends when it is at most 1 %, when no
   undecided plan is worth a test, or with the budget.
 {gp}
 True optima:
 
 """
+
+WITHOUT_GP = "- Optuna's GP sampler is run where torch is installed, which it needs; these runs were made without it.\n"
 
 
 def summary(runs: Sequence[dict[str, Value]]) -> list[dict[str, Value]]:
@@ -145,7 +147,7 @@ def write_report(runs: Sequence[dict[str, Value]], tasks: Sequence[Task], folder
     """learners_real.md and learners_real.svg from the runs."""
     records = summary(runs)
     missing = not any(record["method"] in SLOW for record in records)
-    gp = "- Optuna's GP sampler is run where torch is installed, which it needs; it was not here.\n" if missing else ""
+    gp = WITHOUT_GP if missing else ""
     below = BELOW.format(
         budget=BUDGET, resolution=100 * RESOLUTION, fine=FINE, gp=gp,
         nodes=", ".join(" x ".join([str(task.nodes)] * task.k) for task in tasks),
