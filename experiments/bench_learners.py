@@ -39,7 +39,7 @@ CLOSE = 0.05
 LENIENT = 0.1
 """An incumbent of a true success rate this much under the one asked for still counts; below, b is what one has."""
 
-FEW = {"optuna GP": 10}
+FEW = {"optuna GP": 3}
 """Most seeds of methods that take long to propose."""
 
 K = 1.0
