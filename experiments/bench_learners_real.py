@@ -179,7 +179,9 @@ def main() -> None:
     parser.add_argument("--resume", action="store_true", help="keep the runs that learners_real.csv holds")
     parser.add_argument("--out", type=Path, default=ROOT / "results" / "benchmarks")
     arguments = parser.parse_args()
-    tasks = [replace(TASKS[0], nodes=5, columns=5, seeds=(1, 1))] if arguments.quick else list(TASKS)
+    coarse = replace(TASKS[0], name=f"{TASKS[0].name}, coarse", nodes=5, columns=5, seeds=(1, 1))
+    tasks = [coarse] if arguments.quick else list(TASKS)
+    names = [task.name for task in (*TASKS, coarse)]
     place = bench("learners", arguments.out, arguments.workers, say=lambda text: print(text, flush=True))
     path = arguments.out / "learners_real.csv"
     runs = read_runs(path) if arguments.resume else []
@@ -191,7 +193,6 @@ def main() -> None:
             assert world is not None
             new = true_optimum(task, world) if method == BRUTE_FORCE else one_run(task, world, method, seed)
             runs.append(new)
-            names = [task.name for task in tasks]
             runs.sort(key=lambda run: (names.index(str(run["task"])), order[str(run["method"])], run["seed"]))
             write_runs(runs, path)
             place.say(f"{task.name}: {method}, seed {seed}: {new['executions']} executions, {new['after_40']:.4f} s")

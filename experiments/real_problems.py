@@ -5,6 +5,7 @@ Nothing is random in these worlds: an execution has the same outcome whenever it
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import product
@@ -17,6 +18,7 @@ from table_3 import WAITER
 from table_4 import FRICTIONS, WITH_ERROR
 
 from robustopt.batch import BatchPlanner
+from robustopt.config import dump
 from robustopt.learning.learner import Belief
 from robustopt.learning.parameters import Array, values
 from robustopt.runs.beliefs import Planner, learned_from
@@ -122,12 +124,15 @@ class RealProblem:
     def _interpolation(self, task: Task, place: Bench) -> RegularGridInterpolator:
         """log f* over the unit cube; its nodes are kept in a file, since they take long."""
         axes = [np.linspace(0, 1, task.nodes)] * task.k
-        file = place.work / f"{task.problem.name}-{task.nodes}-plans.npy"
+        digest = hashlib.sha256(dump(self._batch.config).encode()).hexdigest()[:12]
+        file = place.work / f"{task.problem.name}-{task.nodes}-plans-{digest}.npy"
         if not file.exists():
             place.say(f"{task.name}: {task.nodes**task.k} plans")
             nodes = self.exact(np.array(list(product(*axes))))
             file.parent.mkdir(parents=True, exist_ok=True)
-            np.save(file, nodes)
+            partly = file.with_suffix(".partial.npy")
+            np.save(partly, nodes)
+            partly.rename(file)
         return RegularGridInterpolator(axes, np.log(np.load(file)).reshape((task.nodes,) * task.k))
 
 

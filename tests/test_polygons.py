@@ -28,6 +28,7 @@ from robustopt.problem.polygons import (
     Polygons,
     cut,
     cut_affine,
+    edge_rows,
     facet_family,
     start,
 )
@@ -230,6 +231,17 @@ def test_the_edges_of_a_polygon_are_the_rows_that_are_not_redundant() -> None:
                     B[[polygons.names[i, k] - 1]], loads.at(np.array([i])), NONE, NO_TERMS, u[None], x[None]
                 )
                 assert abs(value[0, 0]) <= 1e-9
+
+
+def test_a_polygon_of_one_point_keeps_the_rows_that_make_it_one() -> None:
+    point = np.array([[[1.0, 0, 0], [-1, 0, 0], [0, 1, -0.5], [0, -1, 0.5]]])
+    polygons = cut_affine(rectangles(1), point, np.array([1, 2, 3, 4]))
+    rows, names = edge_rows(polygons, 1, 5)
+    np.testing.assert_allclose(polygons.vertices[0, : polygons.sizes[0]], [[0, 0.5]] * polygons.sizes[0], atol=1e-12)
+    others = np.array([[0.1, 0.5], [-0.1, 0.5], [0, 0.6], [0, 0.4]])
+    values = rows[0, :, :2] @ others.T + rows[0, :, 2:]
+    assert sorted(names) == [1, 2, 3, 4]
+    assert (values.max(axis=0) >= 0.1 - 1e-12).all()
 
 
 # Problems ------------------------------------------------------------------------------------------------

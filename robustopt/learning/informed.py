@@ -151,13 +151,13 @@ class Informed(BranchAndBound):
 
     def _stalled(self, state: BranchState) -> bool:
         """Whether the model is passed over: every second time while hardly anything of what it chose succeeds."""
-        recent = [row.result is Result.SUCCESS for row in state.rows[-RECENT:]]
-        return len(recent) == RECENT and sum(recent) <= 1 and len(state.rows) % 2 == 0
+        executed = [row.result is Result.SUCCESS for row in state.rows if row.result is not Result.INFEASIBLE]
+        return len(executed) >= RECENT and sum(executed[-RECENT:]) <= 1 and len(executed) % 2 == 0
 
     def _along_axes(self, known: Knowledge, cut: float) -> Point | None:
         """The cheapest success with one parameter moved halfway to where that is known to fail; the cheapest of these.
 
-        None where no success is known, or none of these points costs less than `cut`.
+        None where no success is known, or none of these points is undecided and costs less than `cut`.
         """
         if not len(known.successes):
             return None
@@ -167,8 +167,9 @@ class Informed(BranchAndBound):
             rest = np.arange(self.k) != axis
             above = known.failures[np.all(known.failures[:, rest] >= best[rest], axis=1), axis]
             points[axis, axis] = (best[axis] + above.max(initial=0.0)) / 2
+        points = points[known.undecided(points)]
         costs = self.map.exact(points)
-        return tuple(points[np.argmin(costs)].tolist()) if costs.min() < cut else None
+        return tuple(points[np.argmin(costs)].tolist()) if costs.min(initial=np.inf) < cut else None
 
     def _probe(self, state: BranchState, known: Knowledge, cut: float) -> Point | None:
         """The cheapest candidate that is likely enough to meet the rate; without one, the likeliest."""

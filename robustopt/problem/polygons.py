@@ -208,7 +208,8 @@ def _edge_slots(vertices, edge_names, count, joints, names):
             after = k + 1 if k + 1 < n else 0
             du = abs(vertices[i, after, 0] - vertices[i, k, 0])
             dx = abs(vertices[i, after, 1] - vertices[i, k, 1])
-            if name < joints or (du <= EDGE_LENGTH * width_u and dx <= EDGE_LENGTH * width_x):
+            short = du <= EDGE_LENGTH * width_u and dx <= EDGE_LENGTH * width_x
+            if name < joints or (short and (width_u > 0.0 or width_x > 0.0)):  # of a single point all edges are rows
                 continue
             slots[i, k] = used[name]
             used[name] += 1
