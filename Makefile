@@ -52,8 +52,9 @@ bench: $(VENV)/.test  ## time the solvers side by side; writes results/benchmark
 bench-execution: $(VENV)/.test  ## executor against a bare MuJoCo rollout, and its memory; writes results/benchmarks
 	$(BIN)/python experiments/bench_execution.py
 
-bench-learners: $(VENV)/.test  ## learners of several parameters on synthetic problems; writes results/benchmarks
+bench-learners: $(VENV)/.test  ## learners of several parameters, on synthetic problems and in MuJoCo; writes results/benchmarks
 	$(BIN)/python experiments/bench_learners.py
+	$(BIN)/python experiments/bench_learners_real.py
 
 reproduce-tables: $(VENV)/.run  ## the paper's tables and figure, beside the paper's numbers; writes results/tables
 	$(BIN)/python experiments/reproduce.py

@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 import csv
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 from joblib import Parallel, delayed
 from learner_contenders import OURS, contenders
-from learner_figure import write_figure
-from monotone_problems import HELD_OUT, Problem, problem
+from learner_figure import Panel, write_figure
+from monotone_problems import HELD_OUT, Array, Problem, problem
 
 from robustopt.confidence import paper_executions, phi
 from robustopt.learning.branch_and_bound import BranchAndBound, BranchState
@@ -39,7 +39,7 @@ CLOSE = 0.05
 LENIENT = 0.1
 """An incumbent of a true success rate this much under the one asked for still counts; below, b is what one has."""
 
-FEW = {"optuna GP": 10}
+FEW = {"optuna GP": 3}
 """Most seeds of methods that take long to propose."""
 
 K = 1.0
@@ -69,7 +69,7 @@ def one_run(world: World, k: int, method: str, seed: int) -> dict[str, Value]:
     informed = make is OURS[0]
     settings = {} if make in OURS else {"seed": seed}
     learner = make(
-        parameters=tuple(Parameter(str(axis), 0.0, 1.0) for axis in range(k)),
+        parameters=unit_cube(k),
         cost=task.cost,
         budget=world.budgets[0 if informed else 1],
         executions_per_plan=world.executions_per_plan,
@@ -77,23 +77,39 @@ def one_run(world: World, k: int, method: str, seed: int) -> dict[str, Value]:
     )
     regrets, gap, attained = [], None, None
     state = learner.initial()
-    while (request := learner.ask(state)) is not None:
-        if request.executions == 0:
-            state = learner.tell(state, Planned(1.0))
-            continue
-        point = np.array([value for _, value in request.belief.parameters])
-        state = learner.tell(state, Executed(task.execute(point, seed, request.first)))
+    for state in states(learner, lambda point, number: task.execute(point, seed, number)):
         regrets.append(regret(learner, state, task, rate))
         if len(regrets) <= MARKS[-1] and state.rows:
             gap, attained = state.rows[-1].gap, incumbent_rate(learner, state, task)
         if len(regrets) >= MARKS[-1] and regrets[-1] <= CLOSE:
             break
     regrets = regrets or [regret(learner, state, task, rate)]
-    wrong = [i for i, value in enumerate(regrets) if value > CLOSE]
-    found = None if wrong and wrong[-1] == len(regrets) - 1 else (wrong[-1] + 2 if wrong else 1)
     at = {f"regret_{n}": regrets[min(n, len(regrets)) - 1] for n in MARKS}
-    return {"world": world.name, "k": k, "method": method, "seed": seed, "shape": task.name, "to_5_percent": found,
-            "executions": len(regrets), "gap_40": gap, "rate_40": attained, **at}  # fmt: skip
+    return {"world": world.name, "k": k, "method": method, "seed": seed, "shape": task.name,
+            "to_5_percent": executions_to(regrets), "executions": len(regrets), "gap_40": gap, "rate_40": attained,
+            **at}  # fmt: skip
+
+
+def states(learner: BranchAndBound, execute: Callable[[Array, int], bool]) -> Iterator[BranchState]:
+    """The state of a learner over the unit cube after every execution of a point (k,) with a number."""
+    state = learner.initial()
+    while (request := learner.ask(state)) is not None:
+        if request.executions == 0:
+            state = learner.tell(state, Planned(1.0))
+            continue
+        point = np.array([value for _, value in request.belief.parameters])
+        state = learner.tell(state, Executed(execute(point, request.first)))
+        yield state
+
+
+def unit_cube(k: int) -> tuple[Parameter, ...]:
+    return tuple(Parameter(str(axis), 0.0, 1.0) for axis in range(k))
+
+
+def executions_to(regrets: Sequence[float]) -> int | None:
+    """Executions from which the regret is at most `CLOSE` to the end, given what it is after each; None without."""
+    wrong = [i for i, value in enumerate(regrets) if value > CLOSE]
+    return None if wrong and wrong[-1] == len(regrets) - 1 else (wrong[-1] + 2 if wrong else 1)
 
 
 def incumbent_rate(learner: BranchAndBound, state: BranchState, task: Problem) -> float | None:
@@ -176,16 +192,18 @@ def summary(runs: Sequence[dict[str, Value]]) -> list[dict[str, Value]]:
 # Files ----------------------------------------------------------------------------------------------------
 
 
+WORDS = ("world", "method", "shape", "task")
+WHOLE = ("k", "seed", "to_5_percent", "executions")
+
+
 def read_runs(path: Path) -> list[dict[str, Value]]:
     """The runs of an earlier call."""
     if not path.exists():
         return []
     with path.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
-    words = ("world", "method", "shape")
-    whole = ("k", "seed", "to_5_percent", "executions")
     return [
-        {key: text if key in words else None if text == "" else int(text) if key in whole else float(text)
+        {key: text if key in WORDS else None if text == "" else int(text) if key in WHOLE else float(text)
          for key, text in row.items()}
         for row in rows
     ]  # fmt: skip
@@ -212,7 +230,16 @@ def write_report(runs: Sequence[dict[str, Value]], folder: Path) -> list[Path]:
     text = "# Learning several parameters: synthetic problems\n\nWritten by `make bench-learners`.\n\n"
     page = folder / "learners.md"
     page.write_text(text + markdown_text(Table(COLUMNS, tuple(records))) + below, encoding="utf-8")
-    return [page, *write_figure(records, MARKS, folder)]
+    return [page, *write_figure(panels(records), MARKS, folder, "learners")]
+
+
+def panels(records: Sequence[dict[str, Value]]) -> list[list[Panel]]:
+    """Panels of the figure: a row per world, a column per number of parameters."""
+    return [
+        [(f"{k} parameters, {world.name}", [r for r in records if (r["world"], r["k"]) == (world.name, k)])
+         for k in dict.fromkeys(record["k"] for record in records)]
+        for world in WORLDS
+    ]  # fmt: skip
 
 
 def main() -> None:

@@ -51,7 +51,7 @@ def bench(part: str, out: Path = TABLES, workers: int = 1, say: Callable[[str], 
 
 
 def source_hash() -> str:
-    """Hash of all files of the package and of the experiments that decide what a run gives."""
+    """Hash of all files of the package and of the shipped configurations."""
     package = Path(robustopt.__file__).parent
     places = [*package.rglob("*.py"), *package.rglob("*.xml"), *package.rglob("*.yaml"), *(ROOT / "configs").glob("*")]
     digest = hashlib.sha256(sys.version.encode())

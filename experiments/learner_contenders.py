@@ -24,9 +24,6 @@ from robustopt.learning.parameters import Array, Point
 DRAWS = 2000
 """Points from which a random one is taken."""
 
-PROPOSALS = 30
-"""Of an Optuna sampler for one execution; if all of them are useless, a random undecided point is executed."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Contender(BranchAndBound):
@@ -78,7 +75,12 @@ class Grid(Contender):
 
 @dataclass(frozen=True, kw_only=True)
 class Optuna(Contender):
-    """A sampler of Optuna; the study is made anew from what was executed, so that `ask` stays a pure function."""
+    """A sampler of Optuna; the study is made anew from what was executed, so that `ask` stays a pure function.
+
+    proposals: for one execution; if all of them are useless, a random undecided point is executed
+    """
+
+    proposals: ClassVar[int] = 30
 
     def _propose(self, state: BranchState, known: Knowledge, cut: float) -> Point | None:
         import optuna
@@ -99,7 +101,7 @@ class Optuna(Contender):
         tell((1.0,) * self.k, True)
         for row, point in zip(state.rows, state.points, strict=True):
             tell(point, row.result is Result.SUCCESS)
-        for _ in range(PROPOSALS):
+        for _ in range(self.proposals):
             trial = study.ask(space)
             point = tuple(float(trial.params[str(axis)]) for axis in range(self.k))
             at = np.array([point])
@@ -128,6 +130,7 @@ class Tpe(Optuna):
 @dataclass(frozen=True, kw_only=True)
 class Gp(Optuna):
     name: ClassVar[str] = "optuna GP"
+    proposals: ClassVar[int] = 3  # each fits a Gaussian process, for half a second
 
     def _sampler(self, seed: int):
         from optuna.samplers import GPSampler

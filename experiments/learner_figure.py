@@ -1,4 +1,4 @@
-"""Figure of the learners' regret: median against executions, one panel per world and number of parameters."""
+"""Figure of the learners' regret: median against executions, one panel per problem."""
 
 from __future__ import annotations
 
@@ -26,25 +26,27 @@ LEAST = 0.3
 """Regret under it is drawn at the lower edge [%]."""
 
 
-def write_figure(records: Sequence[Mapping[str, Value]], marks: Sequence[int], folder: Path) -> list[Path]:
-    """Write learners.svg and return the files."""
+Panel = tuple[str, Sequence[Mapping[str, Value]]]
+"""Title, and records of the methods: `method` and, in percent, `regret_N` for all N of `marks`."""
+
+
+def write_figure(rows: Sequence[Sequence[Panel]], marks: Sequence[int], folder: Path, name: str) -> list[Path]:
+    """Write NAME.svg and return the files."""
     with style.house_style():
-        return style.save(regret_figure(records, marks), folder, "learners", formats=("svg",))
+        return style.save(regret_figure(rows, marks), folder, name, formats=("svg",))
 
 
-def regret_figure(records: Sequence[Mapping[str, Value]], marks: Sequence[int]) -> Figure:
-    worlds = list(dict.fromkeys(str(record["world"]) for record in records))
-    sizes = list(dict.fromkeys(record["k"] for record in records))
-    figure = Figure(figsize=(8.4, 0.6 + 2.4 * len(worlds)))
-    panels = figure.subplots(len(worlds), len(sizes), sharex=True, sharey=True, squeeze=False)
-    shown = [method for method in LINES if any(record["method"] == method for record in records)]
-    for world, row in zip(worlds, panels, strict=True):
-        for k, axes in zip(sizes, row, strict=True):
+def regret_figure(rows: Sequence[Sequence[Panel]], marks: Sequence[int]) -> Figure:
+    figure = Figure(figsize=(8.4, 0.6 + 2.4 * len(rows)))
+    every = figure.subplots(len(rows), len(rows[0]), sharex=True, sharey=True, squeeze=False)
+    methods = {record["method"] for row in rows for _, records in row for record in records}
+    shown = [method for method in LINES if method in methods]
+    for row, axes_of_row in zip(rows, every, strict=True):
+        for (title, records), axes in zip(row, axes_of_row, strict=True):
             for record in records:
-                if (record["world"], record["k"]) == (world, k):
-                    colour, line = LINES[str(record["method"])]
-                    regrets = [max(float(record[f"regret_{n}"] or 0), LEAST) for n in marks]
-                    axes.plot(marks, regrets, line, color=colour)
+                colour, line = LINES[str(record["method"])]
+                regrets = [max(float(record[f"regret_{n}"] or 0), LEAST) for n in marks]
+                axes.plot(marks, regrets, line, color=colour)
             axes.axhline(5, color=style.PALE, linewidth=2, zorder=0)
             axes.set_xscale("log")
             axes.set_yscale("log")
@@ -52,9 +54,9 @@ def regret_figure(records: Sequence[Mapping[str, Value]], marks: Sequence[int]) 
             axes.set_xticks([1, 2, 5, 10, 20, 40], ["1", "2", "5", "10", "20", "40"])
             axes.set_yticks([0.5, 1, 5, 10, 50, 100], ["0.5", "1", "5", "10", "50", "100"])
             axes.minorticks_off()
-            axes.set_title(f"{k} parameters, {world}")
-        row[0].set_ylabel("regret, median [%]")
-    for axes in panels[-1]:
+            axes.set_title(title)
+        axes_of_row[0].set_ylabel("regret, median [%]")
+    for axes in every[-1]:
         axes.set_xlabel("executions")
     handles = [Line2D([], [], color=LINES[m][0], linestyle=LINES[m][1], label=m) for m in shown]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(shown), fontsize=8)

@@ -17,6 +17,7 @@ from learned import TABLES, Bench, bench
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
+from robustopt.errors import RobustOptError
 from robustopt.execution.monte_carlo import cores
 
 PAPER = ("durations", "table_1", "table_2", "figure_3", "table_3", "table_4", "figure_8")
@@ -26,8 +27,8 @@ BEYOND = ("table_2_truths", "table_2_K", "table_2_calibrated")
 LONGEST = ("table_2_K", "table_2_calibrated", "table_4", "table_3")
 """Parts that take minutes: begun first, so that no worker ends long after the others."""
 
-TIMED = ("figure_3",)
-"""Parts that measure times: each has the machine to itself."""
+LAST = ("figure_8", "figure_3")
+"""Parts that come after all others, one by one: the first reads runs of tables 3 and 4, the second measures times."""
 
 Write = Callable[[Path, Bench], list[Path]]
 
@@ -41,24 +42,26 @@ def write_of(part: str) -> Write:
 def run_part(part: str, out: Path, workers: int, said: MutableMapping[str, str]) -> str:
     """Write one part and tell which files; what is going on meanwhile goes to `said`."""
     began = time.perf_counter()
-    paths = write_of(part)(out, bench(part, out, workers, lambda text: said.update({part: text})))
+    try:
+        paths = write_of(part)(out, bench(part, out, workers, lambda text: said.update({part: text})))
+    except RobustOptError as error:
+        raise SystemExit(f"{part}: {error}") from error
     return f"{part}: {', '.join(path.name for path in paths)} ({time.perf_counter() - began:.0f} s)"
 
 
 def run_parts(parts: Sequence[str], out: Path, jobs: int, workers: int) -> None:
     """Write parts, `jobs` of them at a time, with a bar of those that are done and a line for each under way."""
-    timed = [part for part in parts if part in TIMED]
-    others = sorted(
-        (part for part in parts if part not in TIMED),
-        key=lambda part: LONGEST.index(part) if part in LONGEST else len(LONGEST),
-    )
+    long = [part for part in LONGEST if part in parts]
+    together = [*long, *(part for part in parts if part not in (*long, *LAST))]
+    stages = [(together, jobs), *(([part], 1) for part in LAST if part in parts)]
     with Manager() as manager, _bar() as progress:
         said: MutableMapping[str, str] = manager.dict()
         whole = progress.add_task("parts", total=len(parts))
-        for together, count in ((others, jobs), (timed, 1)):
-            with ProcessPoolExecutor(count, mp_context=get_context("spawn")) as pool:
-                futures = {pool.submit(run_part, part, out, workers, said): part for part in together}
-                lines: dict[str, TaskID] = {}
+        lines: dict[str, TaskID] = {}
+        for stage, count in stages:
+            pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"))
+            try:
+                futures = {pool.submit(run_part, part, out, workers, said): part for part in stage}
                 while futures:
                     done, _ = wait(futures, timeout=0.5, return_when=FIRST_COMPLETED)
                     for part, text in dict(said).items():
@@ -71,6 +74,8 @@ def run_parts(parts: Sequence[str], out: Path, jobs: int, workers: int) -> None:
                             progress.update(lines[part], visible=False)
                         print(future.result(), flush=True)
                         progress.advance(whole)
+            finally:
+                pool.shutdown(cancel_futures=True)
 
 
 def _bar() -> Progress:
@@ -97,7 +102,9 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=cores(), help="parts at a time")
     parser.add_argument("--workers", type=int, default=1, help="processes of a simulation")
     arguments = parser.parse_args()
-    parts = arguments.only or (PAPER + BEYOND if arguments.all else PAPER)
+    if min(arguments.jobs, arguments.workers) < 1:
+        parser.error("expected at least 1 for --jobs and --workers")
+    parts = tuple(dict.fromkeys(arguments.only or (PAPER + BEYOND if arguments.all else PAPER)))
     run_parts(parts, arguments.out, arguments.jobs, arguments.workers)
 
 

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from monotone_problems import HELD_OUT, TUNING, problem
+from real_problems import optimum
 from scipy.stats import beta
 from synthetic_worlds import World, run
 
@@ -296,3 +297,31 @@ def test_few_plans_are_enough_where_planning_is_slow(make):
     state = solve(learner, lambda point: task.execute(point, 0, 0))
     assert len(asked) < 300
     assert learner.incumbent(state) < 1.3 * task.optimum
+
+
+@pytest.mark.parametrize(("k", "columns"), [(2, 33), (3, 13)])
+@pytest.mark.parametrize("seed", range(len(TUNING)))
+def test_brute_force_by_columns_finds_the_optimum(k, columns, seed):
+    task = problem(k, seed, TUNING)
+    best = optimum(task.cost, lambda point: task.margin(point[None])[0] >= 0, k, columns)
+    assert task.margin(best[None])[0] >= 0
+    assert task.cost(best[None])[0] <= 1.01 * task.optimum
+
+
+# Where the model misfits ----------------------------------------------------------------------------------
+
+
+def test_the_cheapest_success_is_lowered_along_the_axis_that_saves_most():
+    learner = Informed(parameters=unit(2), cost=lambda points: 1 + points @ [1.0, 3.0])
+    known = Knowledge.of(2, [(0.9, 0.9), (0.6, 0.8)], [(0.3, 0.9), (0.7, 0.4), (0.5, 0.5)], [])
+    assert learner._along_axes(known, 9.0) == pytest.approx((0.6, 0.6))  # fails up to (0.6, 0.4)
+    assert learner._along_axes(known, 3.35) is None  # 3.4 at that point, 3.85 at (0.45, 0.8)
+    assert learner._along_axes(Knowledge.of(2, [], [], []), 9.0) is None
+
+
+def test_informed_reaches_thresholds_of_four_parameters_that_no_sample_is_like():
+    task = problem(4, 12, TUNING)  # by its model alone it stays 25 % above the optimum
+    assert task.name == "orthant"
+    learner = Informed(parameters=unit(4), cost=task.cost, budget=40)
+    state = solve(learner, lambda point: task.margin(point[None])[0] >= 0)
+    assert task.cost(point_of(learner.best(state))[None])[0] <= 1.05 * task.optimum

@@ -17,6 +17,7 @@ from robustopt.runs.beliefs import believing, described
 from robustopt.runs.campaign import Judgement, Learned, learn, replayed
 from robustopt.runs.executors import JUDGED, Simulated
 from robustopt.runs.journal import Execution, Journal
+from robustopt.runs.learning_run import result_of
 from robustopt.timescaling import Status
 
 
@@ -191,6 +192,18 @@ def test_a_plan_that_is_another_one_when_made_again_is_not_executed():
     with pytest.raises(RunFolderError, match=r"a plan in the journal lasts .* and made again it lasts"):
         learn(config, executor, journal=journal)
     assert executor.calls == []
+
+
+def test_the_best_plan_must_be_the_one_that_was_executed():
+    config, journal = task("ilrobs", trials=0), Journal.in_memory()
+    whole = learn(config, Threshold())
+    best = whole.best
+    trial = replace(best.trial, duration=1.001 * best.trial.duration)
+    rows = tuple(replace(row, trial=trial) if row is best else row for row in whole.rows)
+    other = replace(whole, state=replace(whole.state, rows=rows))
+    assert result_of(whole, journal).planned.plan.duration == best.trial.duration
+    with pytest.raises(RunFolderError, match="made again it lasts"):
+        result_of(other, journal)
 
 
 # Run ahead ------------------------------------------------------------------------------------------------

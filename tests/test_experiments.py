@@ -241,3 +241,20 @@ def test_the_benchmark_of_learners_writes_every_run_and_its_summary(tmp_path):
     before = (tmp_path / "learners.csv").read_bytes()
     run("bench_learners.py", tmp_path, "--seeds", "1", *wanted, "--resume")
     assert (tmp_path / "learners.csv").read_bytes() == before
+
+
+def test_the_benchmark_of_learners_executes_the_waiter(tmp_path):
+    folder = tmp_path / "benchmarks"
+    arguments = ["--quick", "--methods", "bnb-informed"]
+    run("bench_learners_real.py", folder, *arguments)
+    runs = read(folder / "learners_real.csv")
+    assert [run["method"] for run in runs] == ["brute force", "bnb-informed"]
+    for one in runs:
+        incumbents = [float(one[f"after_{n}"]) for n in range(1, 41)]
+        assert incumbents[0] >= incumbents[-1] > 3.0  # [s]; the most optimistic plan takes 2.99 s
+    page = (folder / "learners_real.md").read_text(encoding="utf-8")
+    assert "| waiter: friction, height | bnb-informed | 1 |" in page
+    assert (folder / "learners_real.svg").exists()
+    before = (folder / "learners_real.csv").read_bytes()
+    run("bench_learners_real.py", folder, *arguments, "--resume")
+    assert (folder / "learners_real.csv").read_bytes() == before

@@ -28,6 +28,7 @@ from robustopt.problem.polygons import (
     Polygons,
     cut,
     cut_affine,
+    edge_rows,
     facet_family,
     start,
 )
@@ -189,6 +190,28 @@ def test_family_cuts_are_exact_against_every_corner_of_the_box(
     assert ((worst <= 0) == (depth >= 0))[np.abs(depth) > 1e-7].all()
 
 
+@pytest.mark.parametrize(("terms", "constant", "remainder"), [(0, 0, 0), (2, 3, 2)])
+def test_neither_order_nor_blocks_of_facets_change_a_polygon(terms: int, constant: int, remainder: int) -> None:
+    """All facets of a friction cone at once, in their order and at random, and in parts of less than a block."""
+    rng = np.random.default_rng(3)
+    loads = random_loads(rng, 12, 2, terms, constant, remainder)
+    loads = loads._replace(**{n: np.roll(getattr(loads, n), 3, axis=1) for n in ("nominal", "terms", "constant")})
+    facets = patch_facets(np.array([[-0.6, -0.4], [0.6, -0.4], [0.6, 0.4], [-0.6, 0.4]]), 0.5, 16)
+    shuffled = facets[rng.permutation(len(facets))]
+    whole = [cut(rectangles(12), facet_family(B, loads, np.arange(len(B)) + 1)) for B in (facets, shuffled)]
+    parts = rectangles(12)
+    for k in range(0, len(facets), 10):
+        part = facets[k : k + 10]
+        parts = cut(parts, facet_family(part, loads, np.arange(len(part)) + 1))
+    u, x = rng.uniform(-2, 2, 500), rng.uniform(0, 3, 500)
+    assert max(polygons.sizes.max() for polygons in whole) > 4
+    for i in range(12):
+        first, *others = (inside(polygons, i, u, x) for polygons in (*whole, parts))
+        for depth in others:
+            np.testing.assert_allclose(depth[first > 0], first[first > 0], atol=1e-8)
+            assert (depth[first <= 0] <= 1e-8).all()
+
+
 def test_the_edges_of_a_polygon_are_the_rows_that_are_not_redundant() -> None:
     rng = np.random.default_rng(5)
     loads = random_loads(rng, 5, 2, 3, 2, 2)
@@ -208,6 +231,17 @@ def test_the_edges_of_a_polygon_are_the_rows_that_are_not_redundant() -> None:
                     B[[polygons.names[i, k] - 1]], loads.at(np.array([i])), NONE, NO_TERMS, u[None], x[None]
                 )
                 assert abs(value[0, 0]) <= 1e-9
+
+
+def test_a_polygon_of_one_point_keeps_the_rows_that_make_it_one() -> None:
+    point = np.array([[[1.0, 0, 0], [-1, 0, 0], [0, 1, -0.5], [0, -1, 0.5]]])
+    polygons = cut_affine(rectangles(1), point, np.array([1, 2, 3, 4]))
+    rows, names = edge_rows(polygons, 1, 5)
+    np.testing.assert_allclose(polygons.vertices[0, : polygons.sizes[0]], [[0, 0.5]] * polygons.sizes[0], atol=1e-12)
+    others = np.array([[0.1, 0.5], [-0.1, 0.5], [0, 0.6], [0, 0.4]])
+    values = rows[0, :, :2] @ others.T + rows[0, :, 2:]
+    assert sorted(names) == [1, 2, 3, 4]
+    assert (values.max(axis=0) >= 0.1 - 1e-12).all()
 
 
 # Problems ------------------------------------------------------------------------------------------------

@@ -13,23 +13,25 @@ import numpy as np
 from robustopt.config.document import Key, show_key
 from robustopt.config.geometry import RESOLUTION, supports
 from robustopt.config.model import HANDS, Config, ObjectConfig, TrayConfig, TrayPose
-from robustopt.config.scene_check import check_scene
+from robustopt.config.scene_check import check_scene, same_scene
 from robustopt.config.step_check import check_steps
 
 Finding = tuple[Key, str]
 """Key of a mistake, and what was found and what would be right."""
 
 
-def check(config: Config, names: Collection[str] | None = None) -> Iterator[Finding]:
+def check(config: Config, names: Collection[str] | None = None, like: Config | None = None) -> Iterator[Finding]:
     """All mistakes in how the keys of a configuration fit together.
 
     names: all objects that the configuration names, or hands; those that are missing in `config` were wrong in
-    themselves, so the scene as a whole is not checked.
+    themselves, so the scene as a whole is not checked; like: a configuration without mistakes, whose path and scene are
+    not checked again where they are the same
     """
     names = tuple(config.objects) if names is None else names
     yield from _names(config, names)
     yield from check_steps(config)
-    yield from _path(config)
+    if like is None or config.path is not like.path:
+        yield from _path(config)
     yield from _solver(config)
     for name, body in config.objects.items():
         yield from _shape(("objects", name), body)
@@ -41,7 +43,8 @@ def check(config: Config, names: Collection[str] | None = None) -> Iterator[Find
     standing = list(_standing(config, names))
     yield from standing
     whole = config.tray is not None and set(names) == set(config.objects)
-    if not standing and whole and not any(_shapes(config)):
+    known = like is not None and same_scene(config, like)
+    if not standing and whole and not known and not any(_shapes(config)):
         yield from check_scene(config)
 
 

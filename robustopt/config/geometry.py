@@ -228,10 +228,12 @@ Solids = tuple[tuple[str, ObjectConfig], ...]
 
 def solids(config: Config) -> Solids:
     """Names and shapes of the objects, without what does not matter for where they stand."""
-    return tuple((name, body.model_copy(update=_WITHOUT_MASS)) for name, body in config.objects.items())
+    return tuple((name, _without_mass(body)) for name, body in config.objects.items())
 
 
-_WITHOUT_MASS = {"mass": 1.0, "center_of_mass": (0.0, 0.0, 0.0), "inertia": None}
+@lru_cache(maxsize=64)
+def _without_mass(body: ObjectConfig) -> ObjectConfig:
+    return body.model_copy(update={"mass": 1.0, "center_of_mass": (0.0, 0.0, 0.0), "inertia": None})
 
 
 def placements(config: Config) -> dict[str, Placement]:

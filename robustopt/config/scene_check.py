@@ -47,6 +47,15 @@ def check_scene(config: Config) -> Iterator[Finding]:
     yield from _penetration(config)
 
 
+def same_scene(config: Config, other: Config) -> bool:
+    """Whether two configurations share the very sections that `check_scene` reads."""
+    return (
+        all(config.__dict__[name] is other.__dict__[name] for name in ("tray", "objects", "path", "gravity"))
+        and config.contact.patch_points == other.contact.patch_points
+        and config.uncertainty.contact_points == other.uncertainty.contact_points
+    )
+
+
 def _uneven_bridges(config: Config) -> Iterator[Finding]:
     placed = placements(config)
     tops = {name: float(place.position[2] + place.half_height) for name, place in placed.items()}

@@ -53,7 +53,8 @@ def validate(document: Document, folder: Path) -> Config:
 
 
 def with_sections(config: Config, sections: dict[str, Any]) -> Config | None:
-    """A copy with some sections read from plain data; None where `validate` has to look at the whole."""
+    """A copy of a valid configuration with some sections read from plain data; None where `validate` has to look at the
+    whole."""
     read: dict[str, Any] = {}
     try:
         for name, data in sections.items():
@@ -69,7 +70,7 @@ def with_sections(config: Config, sections: dict[str, Any]) -> Config | None:
     except (ValidationError, KeyError):
         return None
     changed = config.model_copy(update=read)
-    return None if any(check(changed)) else changed
+    return None if any(check(changed, like=config)) else changed
 
 
 def _model(data: dict[str, Any], folder: Path) -> Config:

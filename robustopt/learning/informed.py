@@ -48,6 +48,10 @@ class Informed(BranchAndBound):
     The samples of `boundary` give the joint chances. P(c) in the first term is mixed with the chance by distances to
     the decided regions, so that a boundary like none of the samples is found too.
 
+    A boundary that is like no sample leaves the model sure that nothing cheaper succeeds, and its hope in what is
+    unlikely and far. So while at most one of the last `RECENT` executions succeeded, every second one is chosen without
+    it: `_along_axes`.
+
     In one dimension every boundary is a threshold, and the middle of what is undecided is tested.
 
     **Noisy world** (`executions_per_plan` N over 1). Success means a rate of at least 1 - 1/N, about Phi(K) for
@@ -132,6 +136,8 @@ class Informed(BranchAndBound):
         widest = self._widest(known, cut)
         if widest is None or self.k == 1:
             return widest
+        if self._stalled(state) and (point := self._along_axes(known, cut)) is not None:
+            return point
         points = self._candidates(state, known, cut)
         if len(points):
             model, costs = self.posterior(state), self.map.guide(points)
@@ -142,6 +148,28 @@ class Informed(BranchAndBound):
                 if self.map.exact(points[[index]])[0] < cut:
                     return tuple(points[index].tolist())
         return widest
+
+    def _stalled(self, state: BranchState) -> bool:
+        """Whether the model is passed over: every second time while hardly anything of what it chose succeeds."""
+        executed = [row.result is Result.SUCCESS for row in state.rows if row.result is not Result.INFEASIBLE]
+        return len(executed) >= RECENT and sum(executed[-RECENT:]) <= 1 and len(executed) % 2 == 0
+
+    def _along_axes(self, known: Knowledge, cut: float) -> Point | None:
+        """The cheapest success with one parameter moved halfway to where that is known to fail; the cheapest of these.
+
+        None where no success is known, or none of these points is undecided and costs less than `cut`.
+        """
+        if not len(known.successes):
+            return None
+        best = known.successes[np.argmin(self.map.exact(known.successes))]
+        points = np.tile(best, (self.k, 1))
+        for axis in range(self.k):
+            rest = np.arange(self.k) != axis
+            above = known.failures[np.all(known.failures[:, rest] >= best[rest], axis=1), axis]
+            points[axis, axis] = (best[axis] + above.max(initial=0.0)) / 2
+        points = points[known.undecided(points)]
+        costs = self.map.exact(points)
+        return tuple(points[np.argmin(costs)].tolist()) if costs.min(initial=np.inf) < cut else None
 
     def _probe(self, state: BranchState, known: Knowledge, cut: float) -> Point | None:
         """The cheapest candidate that is likely enough to meet the rate; without one, the likeliest."""
@@ -191,6 +219,9 @@ class Informed(BranchAndBound):
 
 ROUGH = 0.2
 """What the chance by a part of the samples may lack of that by all of them, for a candidate to be looked at again."""
+
+RECENT = 4
+"""Executions of which at most one succeeded where the model is passed over every second time."""
 
 TOGETHER = 64
 """Candidates that are looked at together."""

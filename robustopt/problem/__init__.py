@@ -39,13 +39,14 @@ class Limits:
     """All limits of a problem along its grid, before they are cut into rows.
 
     outline: polygons of the joint velocity limits and of what any acceleration limit allows; acceleration: rows of the
-    joint acceleration limits (P, 2n, 3); contacts: one family per contact system;
+    joint acceleration limits (P, 2n, 3); joints: the outline cut with them; contacts: one family per contact system;
     torque: joint torque; names: of all rows; x_max: from joint velocity (P,); velocity_name: (P,) index of its joint
     """
 
     motion: PathMotion | WalkMotion
     outline: Polygons
     acceleration: Array
+    joints: Polygons
     contacts: tuple[ContactFamily, ...]
     torque: TorqueFamily | StandingTorque
     names: tuple[str, ...]
@@ -180,7 +181,7 @@ def _limits(config: Config, track: Track) -> Limits:
     families = _walking_families if isinstance(track.robot, Walker) else _carrying_families
     contacts, torque = families(config, track, error)
     return Limits(
-        track.motion, track.outline(error), track.acceleration(error), contacts, torque,
+        track.motion, track.outline(error), track.acceleration(error), track.joint_polygons(error), contacts, torque,
         _all_names(track.robot, contacts), track.x_max, track.fastest,
     )  # fmt: skip
 
@@ -238,11 +239,11 @@ def _with_rows(
     limits, n = problem.limits, problem.robot.n
     counts = problem.counts(np.arange(len(limits.names)))
     joint_names = np.tile(np.arange(n), 2)
-    polygons = limits.outline
+    polygons = limits.joints
     used = counts[n + joint_names]
     if not used.all():
         polygons = start(WITHOUT_LIMIT * limits.outline.vertices[:, 1, 0], limits.x_max, limits.velocity_name)
-    polygons = cut_affine(polygons, limits.acceleration[:, used], (n + joint_names)[used])
+        polygons = cut_affine(polygons, limits.acceleration[:, used], (n + joint_names)[used])
     for family, rows, index in zip(limits.contacts, facets, names, strict=True):
         used = counts[index]
         polygons = cut_part(polygons, facet_family(rows[used], family.loads, index[used]), family.first, family.last)

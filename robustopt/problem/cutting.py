@@ -1,9 +1,11 @@
 """Cutting of feasible polygons with rows, compiled: the inner loops of `polygons`, whose types and formula these are.
 
 A family of rows is evaluated at a vertex; the row that is violated most cuts the polygon; and so on until no vertex
-violates anything. Two things keep this cheap, and change no result. |B_f| sum_k |W_gk| bounds the interval terms, so
-most rows are known to hold after two products instead of one per term. And what binds at one grid point mostly binds
-at the next: its rows are tried first, by themselves, so that nearly every look at all rows confirms a vertex.
+violates anything. Three things keep this cheap, and change no result. |B_f| sum_k |W_gk| bounds the interval terms, so
+most rows are known to hold after two products instead of one per term. Facets come like next to like, so the least and
+the largest entries of a block of them bound them all, and few blocks are looked into. And what binds at one grid point
+mostly binds at the next: its rows are tried first, by the piece that is active where they bound, so that nearly every
+look at all rows confirms a vertex.
 """
 
 from __future__ import annotations
@@ -17,9 +19,30 @@ MAX_VERTICES = 96
 TOLERANCE = 1e-10
 """Largest violation of a row, relative to the limit, that a vertex of a polygon may keep: ten times rounding error."""
 
+BLOCK = 16
+"""Rows that are bounded together: then a look at 588 facets is 37 bounds and the one or two blocks that may bind."""
+
 ROUNDING = 1e-14
 """Part of the largest terms of a row in a polygon by which its value at a vertex may be off; this matters only
 far from any plan."""
+
+
+@nb.njit(cache=True, nogil=True)
+def _size(V, n, j):
+    """Largest coordinate j of a polygon by size."""
+    largest = 0.0
+    for k in range(n):
+        largest = max(largest, abs(V[k, j]))
+    return largest
+
+
+@nb.njit(cache=True, nogil=True)
+def _largest(V, n, a, b, c):
+    """Largest value of a u + b x + c on a polygon."""
+    largest = -np.inf
+    for k in range(n):
+        largest = max(largest, a * V[k, 0] + b * V[k, 1] + c)
+    return largest
 
 
 @nb.njit(cache=True, nogil=True)
@@ -31,6 +54,8 @@ def _copy(R, L, k, R2, L2, m):
 @nb.njit(cache=True, nogil=True)
 def _clip(V, R, L, valid, n, a, b, c, name, V2, R2, L2, valid2):
     """Keep the part of a polygon with a u + b x + c <= 0; the new edge takes the row's name. Returns the count."""
+    if _largest(V, n, a, b, c) <= 0.0:
+        return n
     m = 0
     before = a * V[n - 1, 0] + b * V[n - 1, 1] + c
     for k in range(n):
@@ -58,23 +83,21 @@ def _clip(V, R, L, valid, n, a, b, c, name, V2, R2, L2, valid2):
 
 
 @nb.njit(cache=True, nogil=True)
-def _load(polygons, i, V, R, L):
-    """Copy polygon i to where it is cut. Returns its size."""
-    n = polygons.sizes[i]
+def _load(vertices, rows, names, n, i, V, R, L):
+    """Copy polygon i, of n vertices, to where it is cut."""
     for k in range(n):
-        V[k, 0], V[k, 1] = polygons.vertices[i, k, 0], polygons.vertices[i, k, 1]
-        _copy(polygons.rows[i], polygons.names[i], k, R, L, k)
-    return n
+        V[k, 0], V[k, 1] = vertices[i, k, 0], vertices[i, k, 1]
+        R[k, 0], R[k, 1], R[k, 2], L[k] = rows[i, k, 0], rows[i, k, 1], rows[i, k, 2], names[i, k]
 
 
 @nb.njit(cache=True, nogil=True)
-def _store(V, R, L, n, result, i):
+def _store(V, R, L, n, vertices, rows, names, sizes, i):
     """Copy a polygon that has been cut to its place, if there is room for it."""
-    result.sizes[i] = n
-    if n <= result.names.shape[1]:
+    sizes[i] = n
+    if n <= names.shape[1]:
         for k in range(n):
-            result.vertices[i, k, 0], result.vertices[i, k, 1] = V[k, 0], V[k, 1]
-            _copy(R, L, k, result.rows[i], result.names[i], k)
+            vertices[i, k, 0], vertices[i, k, 1] = V[k, 0], V[k, 1]
+            rows[i, k, 0], rows[i, k, 1], rows[i, k, 2], names[i, k] = R[k, 0], R[k, 1], R[k, 2], L[k]
 
 
 @nb.njit(cache=True, nogil=True)
@@ -85,15 +108,18 @@ def cut_rows(polygons, limits, result):
     R, R2 = np.empty((MAX_VERTICES, 3)), np.empty((MAX_VERTICES, 3))
     L, L2 = np.empty(MAX_VERTICES, np.int64), np.empty(MAX_VERTICES, np.int64)
     valid, valid2 = np.zeros(MAX_VERTICES, np.bool_), np.zeros(MAX_VERTICES, np.bool_)
+    vertices, edges, edge_names, counts = polygons
+    new_vertices, new_edges, new_names, new_counts = result
     largest = 0
-    for i in range(len(polygons.sizes)):
-        n = _load(polygons, i, V, R, L)
+    for i in range(len(counts)):
+        n = counts[i]
+        _load(vertices, edges, edge_names, n, i, V, R, L)
         for f in range(rows.shape[1]):
             if n >= 3:
                 n = _clip(V, R, L, valid, n, rows[i, f, 0], rows[i, f, 1], rows[i, f, 2], names[f], V2, R2, L2, valid2)
             if n > MAX_VERTICES - 2:
                 return MAX_VERTICES + 1
-        _store(V, R, L, n if n >= 3 else 0, result, i)
+        _store(V, R, L, n if n >= 3 else 0, new_vertices, new_edges, new_names, new_counts, i)
         largest = max(largest, n)
     return largest
 
@@ -118,38 +144,7 @@ def _add_sizes(wrenches, group, out):
             out[group[k], j] += abs(wrenches[k, j])
 
 
-@nb.njit(cache=True, nogil=True, fastmath={"contract"})
-def _add_products(columns, wrenches, g, j, out):
-    """out += B wrenches[g] for the six columns (d, F) of B from j on; vectorised over the rows."""
-    w0, w1, w2 = wrenches[g, j], wrenches[g, j + 1], wrenches[g, j + 2]
-    w3, w4, w5 = wrenches[g, j + 3], wrenches[g, j + 4], wrenches[g, j + 5]
-    c0, c1, c2 = columns[j], columns[j + 1], columns[j + 2]
-    c3, c4, c5 = columns[j + 3], columns[j + 4], columns[j + 5]
-    for f in range(len(out)):
-        out[f] += w0 * c0[f] + w1 * c1[f] + w2 * c2[f] + w3 * c3[f] + w4 * c4[f] + w5 * c5[f]
-
-
-@nb.njit(cache=True, nogil=True, fastmath={"contract"})
-def _add_scaled(columns, wrenches, g, low, high, values, out):
-    """out += scale(v) v, v = values + B wrenches[g] for six columns of B; scale is high if v > 0, else low."""
-    w0, w1, w2 = wrenches[g, 0], wrenches[g, 1], wrenches[g, 2]
-    w3, w4, w5 = wrenches[g, 3], wrenches[g, 4], wrenches[g, 5]
-    c0, c1, c2, c3, c4, c5 = columns[0], columns[1], columns[2], columns[3], columns[4], columns[5]
-    for f in range(len(out)):
-        v = values[f] + w0 * c0[f] + w1 * c1[f] + w2 * c2[f] + w3 * c3[f] + w4 * c4[f] + w5 * c5[f]
-        out[f] += v * (high if v > 0.0 else low)
-
-
-@nb.njit(cache=True, nogil=True)
-def _count_above(values, threshold):
-    """How many values are above a threshold."""
-    count = 0
-    for f in range(len(values)):
-        count += 1 if values[f] > threshold else 0
-    return count
-
-
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, forceinline=True)
 def _margin(B, b, f, constant, base_terms, i, group, out):
     """out[f, g] = what the terms that depend on neither u nor x add to row B[b, f] at grid point i."""
     out[f] = 0.0
@@ -160,7 +155,7 @@ def _margin(B, b, f, constant, base_terms, i, group, out):
         out[f, group[k]] += abs(product)
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, forceinline=True)
 def _value(B, b, f, own, margins, central, swings, group, box, lowest, highest):
     """Value of row B[b, f] for the wrenches W_g0, W_gk and sum_k |R_gk| of a load, every parameter at its worst.
 
@@ -187,62 +182,117 @@ def _own(base, i, f, u, x):
 
 
 @nb.njit(cache=True, nogil=True)
-def _active_piece(family, i, f, margins, swings, remains, u, x):
-    """Affine piece (a, b, c) of row f at grid point i that is active at (u, x): its value there is a u + b x + c."""
-    loads, row = family.loads, family.B[i if family.B.shape[0] > 1 else 0, f]
-    a, b, c = 0.0, 0.0, 0.0
-    if family.base.shape[0]:
-        a, b, c = family.base[i, f, 0], family.base[i, f, 1], family.base[i, f, 2]
-    for g in range(len(loads.lowest)):
+def _active_piece(B, b, loads, base, i, f, margins, swings, remains, u, x):
+    """Affine piece (a, slope, c) of row B[b, f] at grid point i that is active at (u, x): a u + slope x + c there."""
+    nominal, terms, group, _, _, remainder, remainder_group, lowest, highest = loads
+    a, slope, c = 0.0, 0.0, 0.0
+    if base.shape[0]:
+        a, slope, c = base[i, f, 0], base[i, f, 1], base[i, f, 2]
+    for g in range(len(lowest)):
         p, q, r = 0.0, 0.0, margins[f, g]
-        for j in range(len(row)):
-            p += row[j] * loads.nominal[i, j, g, 0]
-            q += row[j] * loads.nominal[i, j, g, 1]
-            r += row[j] * loads.nominal[i, j, g, 2]
-        for k in range(len(loads.group)):
-            if loads.group[k] == g:
+        for j in range(B.shape[2]):
+            p += B[b, f, j] * nominal[i, j, g, 0]
+            q += B[b, f, j] * nominal[i, j, g, 1]
+            r += B[b, f, j] * nominal[i, j, g, 2]
+        for k in range(len(group)):
+            if group[k] == g:
                 product = 0.0
-                for j in range(len(row)):
-                    product += row[j] * swings[k, j]
+                for j in range(B.shape[2]):
+                    product += B[b, f, j] * swings[k, j]
                 sign = -1.0 if product < 0.0 else 1.0
-                for j in range(len(row)):
-                    p += sign * row[j] * loads.terms[i, j, k, 0]
-                    q += sign * row[j] * loads.terms[i, j, k, 1]
-                    r += sign * row[j] * loads.terms[i, j, k, 2]
-        for k in range(len(loads.remainder_group)):
-            if loads.remainder_group[k] == g:
-                for j in range(len(row)):
-                    weight = abs(row[j]) * (-1.0 if remains[k, j] < 0.0 else 1.0)
-                    p += weight * loads.remainder[i, j, k, 0]
-                    q += weight * loads.remainder[i, j, k, 1]
-                    r += weight * loads.remainder[i, j, k, 2]
-        scale = loads.highest[g] if p * u + q * x + r > 0.0 else loads.lowest[g]
-        a, b, c = a + scale * p, b + scale * q, c + scale * r
-    return a, b, c
+                for j in range(B.shape[2]):
+                    p += sign * B[b, f, j] * terms[i, j, k, 0]
+                    q += sign * B[b, f, j] * terms[i, j, k, 1]
+                    r += sign * B[b, f, j] * terms[i, j, k, 2]
+        for k in range(len(remainder_group)):
+            if remainder_group[k] == g:
+                for j in range(B.shape[2]):
+                    weight = abs(B[b, f, j]) * (-1.0 if remains[k, j] < 0.0 else 1.0)
+                    p += weight * remainder[i, j, k, 0]
+                    q += weight * remainder[i, j, k, 1]
+                    r += weight * remainder[i, j, k, 2]
+        scale = highest[g] if p * u + q * x + r > 0.0 else lowest[g]
+        a, slope, c = a + scale * p, slope + scale * q, c + scale * r
+    return a, slope, c
+
+
+@nb.njit(cache=True, nogil=True, fastmath={"contract"})
+def _block_bounds(entries, sizes, m, central, reach, lowest, highest, out):
+    """out[k] >= value at a vertex of rows with entries between entries[m, 0, :, k] and entries[m, -1, :, k].
+
+    entries: (M, 1 or 2, 6, K); sizes: bounds of their absolute values, (M, 6, K); reach: sum_k |W_gk| + sum_k |R_gk|,
+    (G, 6), or (0, 6) for no intervals. For single rows the bound is their value, but for rounding, where only masses
+    have intervals.
+    """
+    upper = entries.shape[1] - 1
+    for k in range(len(out)):
+        out[k] = 0.0
+    for g in range(len(lowest)):
+        w0, w1, w2, w3, w4, w5 = (
+            central[g, 0],
+            central[g, 1],
+            central[g, 2],
+            central[g, 3],
+            central[g, 4],
+            central[g, 5],
+        )
+        e0, e1, e2 = upper * (w0 > 0.0), upper * (w1 > 0.0), upper * (w2 > 0.0)
+        e3, e4, e5 = upper * (w3 > 0.0), upper * (w4 > 0.0), upper * (w5 > 0.0)
+        low, high = lowest[g], highest[g]
+        if len(reach):
+            r0, r1, r2, r3, r4, r5 = reach[g, 0], reach[g, 1], reach[g, 2], reach[g, 3], reach[g, 4], reach[g, 5]
+            for k in range(len(out)):
+                v = w0 * entries[m, e0, 0, k] + w1 * entries[m, e1, 1, k] + w2 * entries[m, e2, 2, k]
+                v += w3 * entries[m, e3, 3, k] + w4 * entries[m, e4, 4, k] + w5 * entries[m, e5, 5, k]
+                v += r0 * sizes[m, 0, k] + r1 * sizes[m, 1, k] + r2 * sizes[m, 2, k]
+                v += r3 * sizes[m, 3, k] + r4 * sizes[m, 4, k] + r5 * sizes[m, 5, k]
+                out[k] += v * (high if v > 0.0 else low)
+        else:
+            for k in range(len(out)):
+                v = w0 * entries[m, e0, 0, k] + w1 * entries[m, e1, 1, k] + w2 * entries[m, e2, 2, k]
+                v += w3 * entries[m, e3, 3, k] + w4 * entries[m, e4, 4, k] + w5 * entries[m, e5, 5, k]
+                out[k] += v * (high if v > 0.0 else low)
+
+
+@nb.njit(cache=True, nogil=True, fastmath={"contract"})
+def _row_bounds(B, b, base, own_reach, i, u, x, central, reach, lowest, highest, out):
+    """out[f] >= value of row B[b, f] at (u, x); equal, but for rounding, where only masses have intervals.
+
+    own_reach: what a row's own interval terms add at most, (F, G), or (0, G) for none
+    """
+    for f in range(len(out)):
+        out[f] = _own(base, i, f, u, x)
+        for g in range(len(lowest)):
+            v = own_reach[f, g] if len(own_reach) else 0.0
+            if len(reach):
+                for j in range(B.shape[2]):
+                    v += B[b, f, j] * central[g, j] + abs(B[b, f, j]) * reach[g, j]
+            else:
+                for j in range(B.shape[2]):
+                    v += B[b, f, j] * central[g, j]
+            out[f] += v * (highest[g] if v > 0.0 else lowest[g])
 
 
 @nb.njit(cache=True, nogil=True)
-def _bounds(columns, sizes, base, base_terms, constant_group, i, u, x, central, reach, lowest, highest, values, out):
-    """out[f] >= value of row f at (u, x), for all rows; equal, but for rounding, where only masses have intervals.
+def _next_above(values, k, threshold):
+    """First index from k on of a value above a threshold; the number of values if there is none."""
+    while k < len(values) and values[k] <= threshold:
+        k += 1
+    return k
 
-    reach: sum_k |W_gk| + sum_k |R_gk|, (G, d), or (0, d) where there are no such terms
-    """
-    d = len(columns)
-    for f in range(len(out)):
-        out[f] = _own(base, i, f, u, x)
-    for g in range(len(lowest)):
-        values[:] = 0.0
-        if base_terms.shape[0]:
-            for k in range(len(constant_group)):
-                if constant_group[k] == g:
-                    for f in range(len(out)):
-                        values[f] += abs(base_terms[i, f, k])
-        if len(reach):
-            for j in range(0, d, 6):
-                _add_products(sizes, reach, g, j, values)
-        for j in range(6, d, 6):
-            _add_products(columns, central, g, j, values)
-        _add_scaled(columns, central, g, lowest[g], highest[g], values, out)
+
+@nb.njit(cache=True, nogil=True)
+def _fill_blocks(B, entries, sizes, extremes, extreme_sizes):
+    """Rows B[0] (F, 6) block by block, entries (M, 1, 6, BLOCK), padded with zeros, and their sizes (M, 6, BLOCK); the
+    least and the largest entries of each block, extremes (1, 2, 6, M), and the largest sizes (1, 6, M)."""
+    for m in range(len(entries)):
+        for j in range(6):
+            low = high = B[0, m * BLOCK, j]
+            for r in range(min(BLOCK, B.shape[1] - m * BLOCK)):
+                entry = B[0, m * BLOCK + r, j]
+                entries[m, 0, j, r], sizes[m, j, r] = entry, abs(entry)
+                low, high = min(low, entry), max(high, entry)
+            extremes[0, 0, j, m], extremes[0, 1, j, m], extreme_sizes[0, j, m] = low, high, max(-low, high)
 
 
 @nb.njit(cache=True, nogil=True)
@@ -253,6 +303,8 @@ def cut_family(polygons, family, result):
     """
     B, loads, base, base_terms, names = family
     nominal, terms, group, constant, constant_group, remainder, remainder_group, lowest, highest = loads
+    vertices, edges, edge_names, counts = polygons
+    new_vertices, new_edges, new_names, new_counts = result
     F, d, G = B.shape[1], B.shape[2], len(lowest)
     V, V2 = np.empty((MAX_VERTICES, 2)), np.empty((MAX_VERTICES, 2))
     R, R2 = np.empty((MAX_VERTICES, 3)), np.empty((MAX_VERTICES, 3))
@@ -261,76 +313,89 @@ def cut_family(polygons, family, result):
     central, box, fixed = np.zeros((G, d)), np.zeros((G, d)), np.zeros((G, d))
     swings, remains = np.zeros((len(group), d)), np.zeros((len(remainder_group), d))
     reach = np.zeros((G if len(group) + len(constant_group) + len(remainder_group) else 0, d))
-    columns, sizes, values, bounds = np.zeros((d, F)), np.zeros((d, F)), np.zeros(F), np.zeros(F)
-    margins, known = np.zeros((F, G)), np.full(F, -1)
-    tried, count, b, largest = np.zeros(MAX_VERTICES, np.int64), 0, -1, 0
-    for i in range(len(polygons.sizes)):
-        n = _load(polygons, i, V, R, L)
+    in_blocks = B.shape[0] == 1 and base.shape[0] == 0 and d == 6 and F > BLOCK
+    size, M = (BLOCK, (F + BLOCK - 1) // BLOCK) if in_blocks else (F, 1)
+    entries, entry_sizes = np.zeros((M, 1, 6, BLOCK)), np.zeros((M, 6, BLOCK))
+    extremes, extreme_sizes = np.zeros((1, 2, 6, M)), np.zeros((1, 6, M))
+    block_bounds, bounds = np.full(M, np.inf), np.zeros(size)
+    if in_blocks:
+        _fill_blocks(B, entries, entry_sizes, extremes, extreme_sizes)
+    margins, own_reach, known = np.zeros((F, G)), np.zeros((F if len(base_terms) else 0, G)), np.full(F, -1)
+    tried, middle = np.zeros(MAX_VERTICES, np.int64), np.zeros((MAX_VERTICES, 2))
+    count, largest = 0, 0
+    for i in range(len(counts)):
+        n = counts[i]
         if n < 3:
             continue
-        if B.shape[0] > 1 or b < 0:
-            b = i if B.shape[0] > 1 else 0
-            for f in range(F):
-                for j in range(d):
-                    columns[j, f], sizes[j, f] = B[b, f, j], abs(B[b, f, j])
+        _load(vertices, edges, edge_names, n, i, V, R, L)
+        b = i if B.shape[0] > 1 else 0
         fixed[:] = 0.0
         for k in range(len(constant_group)):
             for j in range(d):
                 fixed[constant_group[k], j] += abs(constant[i, j, k])
-        u_size, x_size = np.abs(V[:n, 0]).max(), np.abs(V[:n, 1]).max()
+        own_reach[:] = 0.0
+        for f in range(len(own_reach)):
+            for k in range(len(constant_group)):
+                own_reach[f, constant_group[k]] += abs(base_terms[i, f, k])
+        u_size, x_size = _size(V, n, 0), _size(V, n, 1)
         valid[:] = False
         next_try, finished = 0, False
         for _ in range(20 * MAX_VERTICES):
-            vertex, worst, violation, trying = -1, -1, TOLERANCE, next_try < count
-            first, last = 0, n
-            if not trying:
+            first, worst, violation, trying = 0, -1, TOLERANCE, next_try < count
+            if trying:
+                worst, u, x = tried[next_try], middle[next_try, 0], middle[next_try, 1]
+                next_try += 1
+            else:
                 while first < n and valid[first]:
                     first += 1
                 if first == n:
                     finished = True
                     break
-                last = first + 1
-            for k in range(first, last):
-                u, x = V[k, 0], V[k, 1]
-                _wrenches(nominal, i, u, x, central)
+                u, x = V[first, 0], V[first, 1]
+            if len(group):
                 _wrenches(terms, i, u, x, swings)
+            if len(remainder_group):
                 _wrenches(remainder, i, u, x, remains)
-                box[:] = 0.0
-                _add_sizes(remains, remainder_group, box)
-                if not trying and len(reach):
+            if not trying:
+                _wrenches(nominal, i, u, x, central)
+                if len(reach):
+                    box[:] = 0.0
+                    _add_sizes(remains, remainder_group, box)
                     for g in range(G):
                         for j in range(d):
                             reach[g, j] = fixed[g, j] + box[g, j]
                     _add_sizes(swings, group, reach)
-                f, end = 0, F
-                if trying:  # a row that binds at the grid point before, at the vertex that likes it least
-                    f, end = tried[next_try], tried[next_try] + 1
-                else:
-                    _bounds(
-                        columns, sizes, base, base_terms, constant_group, i, u, x, central, reach, lowest, highest,
-                        values, bounds,
-                    )  # fmt: skip
-                    end = F if _count_above(bounds, TOLERANCE) else 0
-                while f < end:
-                    if trying or bounds[f] > violation:
+                if in_blocks:
+                    _block_bounds(extremes, extreme_sizes, 0, central, reach, lowest, highest, block_bounds)
+                m = _next_above(block_bounds, 0, TOLERANCE)
+                while m < M:
+                    if in_blocks:
+                        _block_bounds(entries, entry_sizes, m, central, reach, lowest, highest, bounds)
+                    else:
+                        _row_bounds(B, b, base, own_reach, i, u, x, central, reach, lowest, highest, bounds)
+                    r = _next_above(bounds, 0, violation)
+                    while r < size:
+                        f = m * size + r
                         if known[f] != i:
                             _margin(B, b, f, constant, base_terms, i, constant_group, margins)
                             known[f] = i
                         own = _own(base, i, f, u, x)
                         value = _value(B, b, f, own, margins, central, swings, group, box, lowest, highest)
                         if value > violation:
-                            vertex, worst, violation = k, f, value
-                    f += 1
-            next_try += 1 if trying else 0
-            if worst < 0:
+                            worst, violation = f, value
+                        r = _next_above(bounds, r + 1, violation)
+                    m = _next_above(block_bounds, m + 1, TOLERANCE)
+                if worst < 0:
+                    valid[first] = True
+                    continue
+            elif known[worst] != i:
+                _margin(B, b, worst, constant, base_terms, i, constant_group, margins)
+                known[worst] = i
+            a, slope, c = _active_piece(B, b, loads, base, i, worst, margins, swings, remains, u, x)
+            if trying:
+                violation = _largest(V, n, a, slope, c)
+            if violation <= max(TOLERANCE, ROUNDING * (abs(a) * u_size + abs(slope) * x_size + abs(c))):
                 valid[first] = valid[first] or not trying
-                continue
-            u, x = V[vertex, 0], V[vertex, 1]
-            _wrenches(terms, i, u, x, swings)
-            _wrenches(remainder, i, u, x, remains)
-            a, slope, c = _active_piece(family, i, worst, margins, swings, remains, u, x)
-            if violation <= ROUNDING * (abs(a) * u_size + abs(slope) * x_size + abs(c)):
-                valid[vertex] = valid[vertex] or not trying
                 continue
             n = _clip(V, R, L, valid, n, a, slope, c, -2 - worst, V2, R2, L2, valid2)
             if n < 3:
@@ -340,25 +405,24 @@ def cut_family(polygons, family, result):
                 break
         if not finished:
             return MAX_VERTICES + 1
-        count = _name_edges(L, n, names, tried)
-        _store(V, R, L, n, result, i)
+        count = _name_edges(V, L, n, names, tried, middle)
+        _store(V, R, L, n, new_vertices, new_edges, new_names, new_counts, i)
         largest = max(largest, n)
     return largest
 
 
 @nb.njit(cache=True, nogil=True)
-def _name_edges(L, n, names, rows):
-    """Give the edges that are rows of the family, -2 - row, their names. Lists them once each; returns how many."""
+def _name_edges(V, L, n, names, rows, middle):
+    """Give the edges that are rows of the family, -2 - row, their names. Lists rows and middles; returns how many."""
     count = 0
     for k in range(n):
         if L[k] <= -2:
-            row, new = -2 - L[k], True
-            L[k] = names[row]
-            for m in range(count):
-                new = new and rows[m] != row
-            if new:
-                rows[count] = row
-                count += 1
+            after = k + 1 if k + 1 < n else 0
+            rows[count] = -2 - L[k]
+            for j in range(2):
+                middle[count, j] = 0.5 * (V[k, j] + V[after, j])
+            L[k] = names[rows[count]]
+            count += 1
     return count
 
 

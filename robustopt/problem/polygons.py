@@ -108,6 +108,7 @@ def start(u_bound: Array, x_max: Array, velocity_name: Array) -> Polygons:
     points = len(x_max)
     polygons = _empty(points, 4)
     vertices, rows, names = polygons.vertices, polygons.rows, polygons.names
+    vertices[:], rows[:], names[:] = 0.0, 0.0, NO_NAME
     vertices[:, 0, 0] = vertices[:, 3, 0] = -u_bound
     vertices[:, 1, 0] = vertices[:, 2, 0] = u_bound
     vertices[:, 2, 1] = vertices[:, 3, 1] = x_max
@@ -121,29 +122,14 @@ def start(u_bound: Array, x_max: Array, velocity_name: Array) -> Polygons:
 
 
 def _empty(points: int, room: int) -> Polygons:
-    vertices, rows = np.zeros((points, room, 2)), np.zeros((points, room, 3))
-    return Polygons(vertices, rows, np.full((points, room), NO_NAME), np.zeros(points, dtype=np.int64))
+    """Polygons that have no vertices yet; what is beyond the vertices of a polygon means nothing."""
+    vertices, rows = np.empty((points, room, 2)), np.empty((points, room, 3))
+    return Polygons(vertices, rows, np.empty((points, room), dtype=np.int64), np.zeros(points, dtype=np.int64))
 
 
 def cut(polygons: Polygons, family: Family) -> Polygons:
     """Polygons cut with a family of rows. Raises SolverFailed where one would have more than MAX_VERTICES edges."""
-    return _stored(cut_family, polygons, _in_sixes(family)) if len(family.names) else polygons
-
-
-def _in_sixes(family: Family) -> Family:
-    """The family with zeros added to its load, which the compiled loops take six numbers at a time."""
-    missing = -family.B.shape[2] % 6
-    if not missing:
-        return family
-
-    def padded(array: Array) -> Array:
-        return np.pad(array, [(0, 0), (0, missing), *[(0, 0)] * (array.ndim - 2)])
-
-    loads, over_rows = family.loads, ("nominal", "terms", "constant", "remainder")
-    return family._replace(
-        B=np.pad(family.B, [(0, 0), (0, 0), (0, missing)]),
-        loads=loads._replace(**{name: padded(getattr(loads, name)) for name in over_rows}),
-    )
+    return _stored(cut_family, polygons, family) if len(family.names) else polygons
 
 
 def cut_part(polygons: Polygons, family: Family, first: int, last: int) -> Polygons:
@@ -222,7 +208,8 @@ def _edge_slots(vertices, edge_names, count, joints, names):
             after = k + 1 if k + 1 < n else 0
             du = abs(vertices[i, after, 0] - vertices[i, k, 0])
             dx = abs(vertices[i, after, 1] - vertices[i, k, 1])
-            if name < joints or (du <= EDGE_LENGTH * width_u and dx <= EDGE_LENGTH * width_x):
+            short = du <= EDGE_LENGTH * width_u and dx <= EDGE_LENGTH * width_x
+            if name < joints or (short and (width_u > 0.0 or width_x > 0.0)):  # of a single point all edges are rows
                 continue
             slots[i, k] = used[name]
             used[name] += 1

@@ -10,7 +10,7 @@ chord over [0, x_top] stands in: a first guess, which is final where no torque r
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -62,26 +62,66 @@ def path_motion(q1: Array, q2: Array, arm: ArmDynamics) -> PathMotion:
     return PathMotion(q1, q2, arm, regressors)
 
 
+@dataclass(frozen=True, eq=False)
+class BodyWrenches:
+    """Wrenches that a body of unit mass needs along a path, tray frame about the tray's origin.
+
+    wrenches: (K, P, C, 6) of its K sets of inertial parameters, per u, x, 1 and, if C > 3, acceleration error of each
+    joint; kind: (K,) what each set is: 0 the body itself, 1 an interval term, 2 a remainder
+    """
+
+    wrenches: Array
+    kind: Array
+
+
+def body_wrenches(motion: PathMotion, body: Body, erring: bool) -> BodyWrenches:
+    """The wrenches of a body, with those of joint acceleration errors or without."""
+    steps = body.linear[np.any(body.linear != 0, axis=1)]
+    squares = body.remainder[np.any(body.remainder != 0, axis=1)]
+    parameters = np.vstack([body.psi, steps, squares])
+    columns = motion.regressors.shape[1] if erring else 3
+    wrenches = np.zeros((len(parameters), len(motion.regressors), columns, 6))
+    _multiply(motion.regressors, parameters, wrenches)
+    return BodyWrenches(wrenches, np.repeat(np.arange(3), [1, len(steps), len(squares)]))
+
+
+@nb.njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
+def _multiply(regressors, parameters, out):
+    """out[k, i, c] = regressors[i, c] parameters[k]."""
+    for k in range(out.shape[0]):
+        for i in range(out.shape[1]):
+            for c in range(out.shape[2]):
+                for r in range(6):
+                    product = 0.0
+                    for m in range(10):
+                        product += regressors[i, c, r, m] * parameters[k, m]
+                    out[k, i, c, r] = product
+
+
 def body_loads(
-    motion: PathMotion, loads: Sequence[Sequence[Body]], about: Sequence[Array], middle: Array, radius: Array
+    loads: Sequence[Sequence[Body]],
+    about: Sequence[Array],
+    middle: Array,
+    radius: Array,
+    wrenches_of: Callable[[Body], BodyWrenches],
 ) -> Loads:
     """Loads of stacked objects, each of which carries the bodies listed for it.
 
     about: the point that the moments of each object are about, (3,); at centres of mass the remainders are
     small; middle, radius: of the joint acceleration error (n,) [rad/s^2]
     """
-    points, d = len(motion.regressors), 6 * len(loads)
     listed = {body.name: body for row in loads for body in row}
     certain = [body for body in listed.values() if body.mass[0] == body.mass[1]]
     uncertain = [body for body in listed.values() if body.mass[0] < body.mass[1]]
     groups = [[(body, body.mass[0]) for body in certain]] + [[(body, 1.0)] for body in uncertain]
     erring = np.flatnonzero(radius)
-    parts = [_parts(body, mass, g) for g, members in enumerate(groups) for body, mass in members]
-    parameters = np.vstack([np.zeros((0, 10)), *(part[0] for part in parts)])
-    group, kind = (np.concatenate([np.zeros(0, np.int64), *(part[k] for part in parts)]) for k in (1, 2))
-    carried = [[body in row for row in loads] for members in groups for body, _ in members]
-    lengths = [len(part[1]) for part in parts]
-    carries = np.repeat(np.array(carried, dtype=bool).reshape(-1, len(loads)), lengths, axis=0)
+    members = [(body, mass, g) for g, group in enumerate(groups) for body, mass in group]
+    parts = [wrenches_of(body) for body, _, _ in members]
+    wrenches, kind = (np.concatenate([getattr(part, name) for part in parts]) for name in ("wrenches", "kind"))
+    lengths = [len(part.kind) for part in parts]
+    mass, group = (np.repeat([member[k] for member in members], lengths) for k in (1, 2))
+    carries = np.repeat([[body in row for row in loads] for body, _, _ in members], lengths, axis=0)
+    points, d = wrenches.shape[1], 6 * len(loads)
     spread = len(erring) > 0 and bool((kind > 0).any())
     remainder_group = np.r_[group[kind == 2], np.unique(group[kind > 0])] if spread else group[kind == 2]
     result = Loads(
@@ -96,31 +136,20 @@ def body_loads(
         highest=np.array([1.0] + [body.mass[1] for body in uncertain]),
     )
     places = np.array(about, dtype=float).reshape(-1, 3)
-    _fill(result, motion.regressors, parameters, group, kind, carries, places, middle, radius, erring)
+    _fill(result, wrenches, mass, group, kind, carries, places, middle, radius, erring)
     return result
 
 
-def _parts(body: Body, mass: float, group: int) -> tuple[Array, Array, Array]:
-    """Sets of inertial parameters of a body (K, 10), its group (K,), and what each set is: 0 the body itself, 1 an
-    interval term, 2 a remainder."""
-    steps = body.linear[np.any(body.linear != 0, axis=1)]
-    squares = body.remainder[np.any(body.remainder != 0, axis=1)]
-    parameters = mass * np.vstack([body.psi, steps, squares])
-    kind = np.repeat(np.arange(3), [1, len(steps), len(squares)])
-    return parameters, np.full(len(kind), group), kind
-
-
 @nb.njit(cache=True, nogil=True)
-def _fill(loads, regressors, parameters, group, kind, carries, about, middle, radius, erring):
-    """Fill loads (see `body_loads`) with the wrenches of K sets of inertial parameters (K, 10), grid point by point.
+def _fill(loads, wrenches, mass, group, kind, carries, about, middle, radius, erring):
+    """Fill loads (see `body_loads`) with wrenches per unit of mass (K, P, C, 6), grid point by point.
 
-    carries: which objects carry each set, (K, objects); about: points of the objects' moments (objects, 3)
+    mass: (K,); carries: which objects carry each set, (K, objects); about: points of the objects' moments (objects, 3)
     """
     nominal, terms, constant, remainder = loads.nominal, loads.terms, loads.constant, loads.remainder
-    points, columns = regressors.shape[0], regressors.shape[1]
+    points, used = wrenches.shape[1], wrenches.shape[2]
     shifted = middle.any()
-    used = columns if shifted or len(erring) else 3
-    origin, w = np.zeros((columns, 6)), np.zeros((columns, 6))
+    origin, w = np.zeros((used, 6)), np.zeros((used, 6))
     spread = remainder.shape[2] > (kind == 2).sum()
     spread_slot, last = np.zeros(len(loads.lowest), np.int64), (kind == 2).sum()
     for g in range(len(loads.lowest)):
@@ -132,12 +161,9 @@ def _fill(loads, regressors, parameters, group, kind, carries, about, middle, ra
     for i in range(points):
         term, rest = 0, 0
         for k in range(len(kind)):
-            origin[:] = 0.0
-            for m in range(10):
-                if parameters[k, m] != 0.0:
-                    for c in range(used):
-                        for r in range(6):
-                            origin[c, r] += regressors[i, c, r, m] * parameters[k, m]
+            for c in range(used):
+                for r in range(6):
+                    origin[c, r] = mass[k] * wrenches[k, i, c, r]
             for block in range(carries.shape[1]):
                 if not carries[k, block]:
                     continue
@@ -217,9 +243,9 @@ class TorqueFamily:
     base_terms: Array
     viscous: Array
 
-    def carrying(self, payload: Loads) -> TorqueFamily:
-        """The same limits with another payload whose intervals are as many."""
-        return replace(self, loads=payload)
+    def carrying(self, payload: Loads, base_terms: Array) -> TorqueFamily:
+        """The same limits with another payload, and other acceleration errors about the same middle."""
+        return replace(self, loads=payload, base_terms=base_terms)
 
     def family(self, reference: Array, x_top: Array, used: Array, names: Array) -> Family:
         """The rows that are used, (2n,), with the viscous part linearised about a reference (P,), and their names."""
@@ -271,6 +297,7 @@ def both(array: Array) -> Array:
 
 
 def torque_family(motion: PathMotion, limits: JointLimits, loads: Loads, middle: Array, radius: Array) -> TorqueFamily:
+    """Joint torque limits with a payload; middle, radius: of the joint acceleration error (n,) [rad/s^2]."""
     points, joints = motion.q1.shape
     arm, limit = motion.arm, np.r_[limits.torque, limits.torque]
     sign = np.r_[np.ones(joints), -np.ones(joints)]
@@ -282,12 +309,18 @@ def torque_family(motion: PathMotion, limits: JointLimits, loads: Loads, middle:
     base[:, :, 2] += both(arm.mass_matrix @ middle) * sign + both(np.tile(limits.dry_friction, (points, 1))) * resisting
     base /= limit[:, None]
     base[:, :, 2] -= 1.0
-    erring = np.flatnonzero(radius)
-    own = both(arm.mass_matrix[:, :, erring] * radius[erring]) * (sign / limit)[:, None]
-    base_terms = np.zeros((points, 2 * joints, len(loads.constant_group)))
-    base_terms[:, :, : len(erring)] = own
     viscous = both(limits.viscous_friction * motion.q1) * (sign / limit)
-    return TorqueFamily(B, loads, base, base_terms, viscous)
+    return TorqueFamily(B, loads, base, own_inertia_terms(motion, limits, loads, radius), viscous)
+
+
+def own_inertia_terms(motion: PathMotion, limits: JointLimits, loads: Loads, radius: Array) -> Array:
+    """What each constant interval term of a payload's loads adds to the torque rows by the arm's own inertia,
+    (P, 2n, n_c)."""
+    erring, n = np.flatnonzero(radius), motion.q1.shape[1]
+    terms = np.zeros((len(motion.q1), 2 * n, len(loads.constant_group)))
+    terms[:, :n, : len(erring)] = motion.arm.mass_matrix[:, :, erring] * radius[erring] / limits.torque[:, None]
+    terms[:, n:] = -terms[:, :n]
+    return terms
 
 
 def _changes_sign(q1: Array) -> Array:

@@ -16,8 +16,18 @@ import numpy as np
 
 from robustopt.config import Config
 from robustopt.path import Path
-from robustopt.problem.polygons import Loads, Polygons, start
-from robustopt.problem.rows import PathMotion, TorqueFamily, acceleration_rows, body_loads, path_motion, torque_family
+from robustopt.problem.polygons import Loads, Polygons, cut_affine, start
+from robustopt.problem.rows import (
+    BodyWrenches,
+    PathMotion,
+    TorqueFamily,
+    acceleration_rows,
+    body_loads,
+    body_wrenches,
+    own_inertia_terms,
+    path_motion,
+    torque_family,
+)
 from robustopt.problem.uncertainty import Body
 from robustopt.problem.walking import WalkMotion, walk_motion, walking_loads
 from robustopt.robot import Robot
@@ -69,7 +79,12 @@ class Track:
         motion = self.motion
         assert isinstance(motion, PathMotion)
         key = (tuple(map(tuple, carried)), np.concatenate(about).tobytes(), _bytes(error))
-        return self._once("loads", key, lambda: body_loads(motion, carried, about, *error))
+        erring = any(map(np.any, error))
+
+        def wrenches_of(body: Body) -> BodyWrenches:
+            return self._once("wrenches", (body, erring), lambda: body_wrenches(motion, body, erring))
+
+        return self._once("loads", key, lambda: body_loads(carried, about, *error, wrenches_of))
 
     def walking_loads(self, config: Config, error: Error) -> Loads:
         """Load of a robot on its feet with the configured beliefs: see `walking`."""
@@ -81,11 +96,12 @@ class Track:
 
     def torque(self, payload: Loads, error: Error) -> TorqueFamily:
         """Joint torque limits with a payload."""
-        motion = self.motion
+        motion, limits = self.motion, self.robot.limits
         assert isinstance(motion, PathMotion)
+        family = self._once("torque", error[0].tobytes(), lambda: torque_family(motion, limits, payload, *error))
         key = (len(payload.constant_group), _bytes(error))
-        family = self._once("torque", key, lambda: torque_family(motion, self.robot.limits, payload, *error))
-        return family if family.loads is payload else family.carrying(payload)
+        terms = self._once("torque terms", key, lambda: own_inertia_terms(motion, limits, payload, error[1]))
+        return family.carrying(payload, terms)
 
     def acceleration(self, error: Error) -> Array:
         """Rows of the joint acceleration limits, (P, 2n, 3)."""
@@ -95,7 +111,13 @@ class Track:
 
     def outline(self, error: Error) -> Polygons:
         """Rectangles that hold every (u, x) of the acceleration limits, twice as wide as they need to be."""
-        return self._once("outline", _bytes(error), lambda: _outline(self, error[0]))
+        return self._once("outline", error[0].tobytes(), lambda: _outline(self, error[0]))
+
+    def joint_polygons(self, error: Error) -> Polygons:
+        """The outline, cut with the rows of the joint acceleration limits, which are named n + joint."""
+        names = self.robot.n + np.tile(np.arange(self.robot.n), 2)
+        rows = self.acceleration(error)
+        return self._once("joint polygons", _bytes(error), lambda: cut_affine(self.outline(error), rows, names))
 
     def _once(self, kind: str, key: Hashable, make: Callable[[], Value]) -> Value:
         """A result that may be at hand; two threads may make it at the same time, alike."""

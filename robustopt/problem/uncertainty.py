@@ -18,13 +18,14 @@ import numpy as np
 
 from robustopt.config import BASE_COORDINATES, Config, ObjectConfig, TrayConfig
 from robustopt.config.geometry import placements
-from robustopt.contact import skew
 from robustopt.errors import ConfigError
 
 Array = np.ndarray
 
 INERTIA_TERMS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 """Order of the six entries of an inertia in phi: xx, yy, zz, xy, xz, yz."""
+
+FIRST, SECOND = np.array(INERTIA_TERMS).T
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,29 +128,22 @@ def _body(
 def uncertain_body(name: str, mass: tuple[float, float], arm: Array, inertia: Array, reaches: Array) -> Body:
     """A body from its interval of mass [kg], its centre of mass `arm` (3,) [m] and the inertia about that per unit of
     mass (3, 3) [m^2]; the centre of mass may be off by the columns of `reaches` (3, 3) [m], each either way."""
-    psi = _parameters(1.0, arm, inertia - skew(arm) @ skew(arm))
-    linear = np.array([_linear(arm, step) for step in reaches.T])
-    squares = [0.5 * _square(step, step) for step in reaches.T]
-    crossed = [_square(reaches[:, i], reaches[:, j]) for i, j in ((0, 1), (0, 2), (1, 2))]
-    return Body(
-        name=name, mass=mass, psi=psi + np.sum(squares, axis=0), linear=linear, remainder=np.array(squares + crossed)
-    )
+    steps = np.ascontiguousarray(reaches.T)
+    psi, linear, remainder = np.zeros(10), np.zeros((3, 10)), np.zeros((6, 10))
+    psi[0], psi[1:4], psi[4:] = 1.0, arm, inertia[FIRST, SECOND] + _product(arm, arm)
+    linear[:, 1:4] = steps
+    linear[:, 4:] = 2.0 * _product(steps, arm)  # change of -skew(r)^2 to first order when r moves by a step
+    remainder[:3, 4:] = 0.5 * _product(steps, steps)  # a square in [0, 1] is a half plus or minus a half
+    remainder[3:, 4:] = 2.0 * _product(steps[[0, 0, 1]], steps[[1, 2, 2]])
+    return Body(name=name, mass=mass, psi=psi + remainder[:3].sum(axis=0), linear=linear, remainder=remainder)
 
 
-def _parameters(mass: float, first: Array, second: Array) -> Array:
-    return np.r_[mass, first, [second[i, j] for i, j in INERTIA_TERMS]]
-
-
-def _linear(arm: Array, step: Array) -> Array:
-    """Change of (1, r, -skew(r)^2) to first order when r moves by `step`."""
-    return _parameters(0.0, step, -(skew(step) @ skew(arm) + skew(arm) @ skew(step)))
-
-
-def _square(first: Array, second: Array) -> Array:
-    """Second-order term of -skew(r)^2 in two displacements; a square in [0, 1] is a half plus or minus a half."""
-    if first is second or np.array_equal(first, second):
-        return _parameters(0.0, np.zeros(3), -skew(first) @ skew(first))
-    return _parameters(0.0, np.zeros(3), -(skew(first) @ skew(second) + skew(second) @ skew(first)))
+def _product(a: Array, b: Array) -> Array:
+    """-(skew(a) skew(b) + skew(b) skew(a)) / 2, which is a b I - (a b^T + b a^T) / 2, of vectors (..., 3), as the
+    inertia in phi, (..., 6)."""
+    entries: Array = -0.5 * (a[..., FIRST] * b[..., SECOND] + a[..., SECOND] * b[..., FIRST])
+    entries[..., :3] += (a * b).sum(axis=-1)[..., None]
+    return entries
 
 
 def inertia_matrix(item: TrayConfig | ObjectConfig) -> Array:

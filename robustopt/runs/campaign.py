@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from math import isfinite
 from typing import Any
 
 from robustopt.batch import BatchPlanner
@@ -162,24 +163,9 @@ class _Campaign:
         assert trial is not None
         count = self.executor.ahead(request.executions, trial.executions)
         numbers = range(request.first, request.first + count)
-        executions = self.executor.run(self._planned(trial), numbers, request.speed)
+        executions = self.executor.run(made_again(self.planner, trial), numbers, request.speed)
         self.state, used = tell_all(self.learner, self.state, [execution.outcome for execution in executions])
         self.journal.add_executions(request.speed, executions[:used])
-
-    def _planned(self, trial: Trial) -> PlanResult:
-        """The plan of a trial, made again where the run goes on after an interruption.
-
-        Raises RunFolderError where it is another one then.
-        """
-        result = self.planner.plan(trial.belief)
-        before, now = trial.duration, result.plan.duration
-        assert before is not None, "a belief without a plan is not executed"
-        if not abs(now - before) <= SAME_PLAN * before:
-            raise RunFolderError(
-                f"a plan in the journal lasts {before:.9g} s, and made again it lasts {now:.9g} s; expected the same "
-                "versions of robustopt and of its libraries, and an unchanged robot model"
-            )
-        return result
 
     # Judging ---------------------------------------------------------------------------------------------
 
@@ -202,7 +188,7 @@ class _Campaign:
             return
         for start in range(0, len(missing), CHUNK):
             numbers = missing[start : start + CHUNK]
-            self.journal.add_judgements(i, self.executor.run(self._planned(row.trial), numbers, 1.0))
+            self.journal.add_judgements(i, self.executor.run(made_again(self.planner, row.trial), numbers, 1.0))
         found = self._known(i)
         if found is not None:
             self.judged[i] = found
@@ -216,6 +202,23 @@ class _Campaign:
         statuses = [status for _, status in found]
         counts = {status: statuses.count(status) for status in dict.fromkeys(statuses)}
         return Judgement(len(found), sum(success for success, _ in found), counts)
+
+
+def made_again(planner: Planner, trial: Trial) -> PlanResult:
+    """The plan of a trial, which a run that was interrupted has to make once more.
+
+    Raises RunFolderError where it is another one then.
+    """
+    result = planner.plan(trial.belief)
+    before, now = trial.duration, result.plan.duration
+    assert before is not None, "a belief without a plan is not executed"
+    if not abs(now - before) <= SAME_PLAN * before:
+        found = f"made again it lasts {now:.9g} s" if isfinite(now) else "now there is no plan"
+        raise RunFolderError(
+            f"a plan in the journal lasts {before:.9g} s, and {found}; expected the same machine, the same versions of "
+            "robustopt and of its libraries, and an unchanged robot model"
+        )
+    return result
 
 
 def _cost(config: Config, settings: LearningConfig) -> Cost:

@@ -21,7 +21,7 @@ from robustopt.errors import RunFolderError
 from robustopt.execution.outcome import Status
 from robustopt.robot.model_file import model_file
 from robustopt.runs.beliefs import Planner
-from robustopt.runs.campaign import Learned
+from robustopt.runs.campaign import Learned, made_again
 from robustopt.runs.execution_run import EXECUTIONS
 from robustopt.runs.experiment import FIGURES, PlanResult, write_plan
 from robustopt.runs.journal import Journal
@@ -156,9 +156,12 @@ class LearningResult:
 
 
 def result_of(learned: Learned, journal: Journal) -> LearningResult:
-    """The result of a learner that is finished."""
+    """The result of a learner that is finished.
+
+    Raises RunFolderError where its best plan cannot be made again.
+    """
     best = learned.best
-    planned = Planner(learned.config).plan(best.trial.belief) if best is not None else None
+    planned = made_again(Planner(learned.config), best.trial) if best is not None else None
     return LearningResult(learned, planned, journal)
 
 

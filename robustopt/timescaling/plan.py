@@ -68,16 +68,16 @@ class Plan:
 
 def duration_of(ds: Array, x: Array) -> float:
     """Sum of 2 ds / (sd_i + sd_{i+1}) over the intervals that have a length [s]; infinite where the robot stands."""
-    return float(_timing(ds, x)[0])
+    return float(timing(ds, x)[0])
 
 
 def controls_of(ds: Array, x: Array) -> Array:
     """u from x_{i+1} = x_i + 2 ds u_i, (P - 1,); 0 on intervals without length."""
-    return np.asarray(_timing(ds, x)[1])
+    return np.asarray(timing(ds, x)[1])
 
 
 @nb.njit(cache=True, nogil=True)
-def _timing(ds, x):  # type: ignore[no-untyped-def]
+def timing(ds, x):  # type: ignore[no-untyped-def]
     """Duration and controls of a timing."""
     duration, u = 0.0, np.zeros(len(ds))
     for i in range(len(ds)):
@@ -97,7 +97,14 @@ def interval_ends(problem: TimeScalingProblem, x: Array, u: Array) -> tuple[Arra
 
 def solved_plan(problem: TimeScalingProblem, x: Array, method: str, statistics: Mapping[str, float]) -> Plan:
     """The plan of a solution x (P,)."""
-    duration, u = _timing(problem.ds, x)
+    duration, u = timing(problem.ds, x)
+    return timed_plan(problem, x, u, duration, method, statistics)
+
+
+def timed_plan(
+    problem: TimeScalingProblem, x: Array, u: Array, duration: float, method: str, statistics: Mapping[str, float]
+) -> Plan:
+    """The plan of a solution x (P,) whose controls (P - 1,) and duration [s] are at hand."""
     for array in (x, u):
         array.flags.writeable = False
     return Plan(

@@ -17,7 +17,7 @@ import numpy as np
 
 from robustopt.problem import TimeScalingProblem
 from robustopt.timescaling.interior_point import polish
-from robustopt.timescaling.plan import Plan, Status, duration_of, failed_plan, solved_plan
+from robustopt.timescaling.plan import Plan, Status, controls_of, duration_of, failed_plan, timed_plan, timing
 
 Array = np.ndarray
 
@@ -34,22 +34,29 @@ def solve_reachability(problem: TimeScalingProblem) -> Plan:
     began = time.perf_counter()
     if not problem.feasible.all():
         return _stuck(problem, int(np.argmin(problem.feasible)), began)
-    x, bound, stuck = passes(problem.a, problem.b, problem.c, problem.x_max, problem.ds)
+    x, u, duration, least, stuck = _timed_passes(problem.a, problem.b, problem.c, problem.x_max, problem.ds)
     if stuck >= 0:
         return _stuck(problem, stuck, began)
-    duration = duration_of(problem.ds, x)
-    gap = 1.0 - duration_of(problem.ds, bound) / duration
+    gap = 1.0 - least / duration
     polished = gap > OPTIMALITY_GAP
     if polished:
         better, left = polish(problem.a, problem.b, problem.c, problem.x_max, problem.ds, x)
         after = duration_of(problem.ds, better)
         if after < duration:
-            x, duration = better, after
+            x, u, duration = better, controls_of(problem.ds, better), after
         gap = min(gap, 1.0 - (after - left) / duration)
     if not np.isfinite(duration):
         return _stuck(problem, int(np.argmax((x[:-1] + x[1:] == 0.0) & (problem.ds > 0))), began)
     statistics = {"solver_seconds": time.perf_counter() - began, "optimality_gap": gap, "polished": float(polished)}
-    return solved_plan(problem, x, "reachability", statistics)
+    return timed_plan(problem, x, u, duration, "reachability", statistics)
+
+
+@nb.njit(cache=True, nogil=True)
+def _timed_passes(a, b, c, x_max, ds):
+    """The timing of the forward pass, its controls and duration, the least duration by the bound, and where it ends."""
+    x, bound, stuck = passes(a, b, c, x_max, ds)
+    duration, u = timing(ds, x)
+    return x, u, duration, timing(ds, bound)[0], stuck
 
 
 def _stuck(problem: TimeScalingProblem, point: int, began: float) -> Plan:

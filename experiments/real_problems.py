@@ -1,0 +1,173 @@
+"""The tasks of tables 3 and 4 as problems in the unit cube: f* from a table of plans, success from MuJoCo.
+
+Nothing is random in these worlds: an execution has the same outcome whenever it is run, and is run once.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+from learned import Bench
+from scipy.interpolate import RegularGridInterpolator
+from several import Problem
+from table_3 import WAITER
+from table_4 import FRICTIONS, WITH_ERROR
+
+from robustopt.batch import BatchPlanner
+from robustopt.config import dump
+from robustopt.learning.learner import Belief
+from robustopt.learning.parameters import Array, values
+from robustopt.runs.beliefs import Planner, learned_from
+from robustopt.runs.executors import Simulated
+
+STILL = "execution.disturbance.force_deviation=[0, 0, 0]"
+
+RESOLUTION = 0.002
+"""Brute force looks for plans that are faster than the best so far by this part."""
+
+FINE = 8
+"""Columns of the second pass of brute force, on either side of the best, within one step of the first."""
+
+ALONG = 401
+"""Points of a column from which the slowest that would be an improvement is taken."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """nodes: of the table of f*, along each axis; columns: of brute force, along each axis but the last;
+    seeds: of the methods that draw, and of those of them that take long to propose
+    """
+
+    name: str
+    problem: Problem
+    nodes: int
+    columns: int
+    seeds: tuple[int, int]
+
+    @property
+    def k(self) -> int:
+        return len(self.problem.parameters)
+
+
+TASKS = (
+    Task(
+        "waiter: friction, height",
+        replace(WAITER, overrides=(*WAITER.overrides, STILL), executions_per_plan=1),
+        nodes=25, columns=33, seeds=(10, 2),
+    ),
+    Task("humanoid: frictions", FRICTIONS, nodes=17, columns=33, seeds=(3, 1)),
+    Task("humanoid: frictions, error", WITH_ERROR, nodes=9, columns=13, seeds=(3, 1)),
+)  # fmt: skip
+
+
+class RealProblem:
+    """What a learner meets: `cost` for choosing, `execute` and `duration` for what was chosen."""
+
+    def __init__(self, task: Task, place: Bench) -> None:
+        config = task.problem.config("bnb-midpoint")  # the task is the same for all learners
+        self._parameters = task.problem.parameters
+        self._batch = BatchPlanner(learned_from(config, self._keys), place.workers)
+        self._planner, self._executor = Planner(config, certified=False), Simulated(config)
+        self._executed: dict[tuple[float, ...], tuple[bool, float]] = {}
+        self._table = self._interpolation(task, place)
+
+    @property
+    def _keys(self) -> list[str]:
+        return [parameter.key for parameter in self._parameters]
+
+    @property
+    def executions(self) -> int:
+        """How many different plans were executed so far."""
+        return len(self._executed)
+
+    @property
+    def longest(self) -> float:
+        """Duration of the slowest plan of the table [s]: that of b, where b has one."""
+        return float(np.exp(self._table.values[np.isfinite(self._table.values)].max()))
+
+    def cost(self, points: Array) -> Array:
+        """f* of points (m, k) by multilinear interpolation of its logarithm -> (m,) [s]; inf beside a node without."""
+        with np.errstate(invalid="ignore"):  # infinity times a weight of 0
+            found = np.exp(self._table(np.atleast_2d(points)))
+        return np.where(np.isfinite(found), found, np.inf)
+
+    def exact(self, points: Array) -> Array:
+        """f* itself of points (m, k) -> (m,) [s]."""
+        return self._batch.durations([dict(zip(self._keys, row, strict=True)) for row in self._values(points)])
+
+    def execute(self, point: Array) -> bool:
+        """Whether the plan of a point succeeds; a point without a plan does not."""
+        return self._outcome(point)[0]
+
+    def duration(self, point: Array) -> float:
+        """Duration of the plan of a point that was executed [s]."""
+        return self._outcome(point)[1]
+
+    def _outcome(self, point: Array) -> tuple[bool, float]:
+        key = tuple(np.asarray(point).tolist())
+        if key not in self._executed:
+            belief = Belief(parameters=tuple(zip(self._keys, self._values(np.array([key]))[0], strict=True)))
+            planned = self._planner.plan(belief)
+            solved = bool(np.isfinite(planned.plan.duration))
+            success = solved and self._executor.run(planned, [0], 1.0)[0].success
+            self._executed[key] = success, planned.plan.duration
+        return self._executed[key]
+
+    def _values(self, points: Array) -> list[list[float]]:
+        found: list[list[float]] = values(self._parameters, points).tolist()
+        return found
+
+    def _interpolation(self, task: Task, place: Bench) -> RegularGridInterpolator:
+        """log f* over the unit cube; its nodes are kept in a file, since they take long."""
+        axes = [np.linspace(0, 1, task.nodes)] * task.k
+        digest = hashlib.sha256(dump(self._batch.config).encode()).hexdigest()[:12]
+        file = place.work / f"{task.problem.name}-{task.nodes}-plans-{digest}.npy"
+        if not file.exists():
+            place.say(f"{task.name}: {task.nodes**task.k} plans")
+            nodes = self.exact(np.array(list(product(*axes))))
+            file.parent.mkdir(parents=True, exist_ok=True)
+            partly = file.with_suffix(".partial.npy")
+            np.save(partly, nodes)
+            partly.rename(file)
+        return RegularGridInterpolator(axes, np.log(np.load(file)).reshape((task.nodes,) * task.k))
+
+
+def optimum(cost: Callable[[Array], Array], execute: Callable[[Array], bool], k: int, columns: int) -> Array:
+    """The cheapest point that succeeds, (k,), by brute force over columns along the last parameter.
+
+    Of every column, the most conservative point that would be an improvement by `RESOLUTION` is executed. If it fails,
+    so does all that is cheaper in this column, which is the only use of monotony; if not, the column is bisected. A
+    second pass looks at columns within a step of the best. It is assumed that the conservative corner succeeds.
+    """
+    step = 1 / (columns - 1)
+    best = _swept(cost, execute, np.ones(k), np.zeros(k - 1), np.linspace(0, 1, columns))
+    return _swept(cost, execute, best, best[:-1], step * np.arange(-FINE, FINE + 1) / FINE)
+
+
+def _swept(
+    cost: Callable[[Array], Array], execute: Callable[[Array], bool], best: Array, start: Array, offsets: Array
+) -> Array:
+    """The cheapest success of the columns at the start plus all offsets, in random order; `best` without a better."""
+    lines = start + np.array(list(product(offsets, repeat=len(start))))
+    inside = lines[np.all((lines >= 0) & (lines <= 1), axis=1)]
+    for line in np.random.default_rng(0).permutation(inside):
+        best = _better(cost, execute, line, best)
+    return best
+
+
+def _better(cost: Callable[[Array], Array], execute: Callable[[Array], bool], line: Array, best: Array) -> Array:
+    """The cheapest success of a column, where it is cheaper than the best so far; else that."""
+    along = np.linspace(0, 1, ALONG)
+    costs = cost(np.column_stack([np.tile(line, (ALONG, 1)), along]))
+    cheap = np.flatnonzero(costs * (1 + RESOLUTION) <= cost(best[None])[0])
+    low, high = -1, cheap[-1] if len(cheap) else -1
+    if high < 0 or not execute(np.append(line, along[high])):
+        return best
+    while high - low > 1 and costs[high] > costs[max(low, 0)] * (1 + RESOLUTION):
+        middle = (low + high) // 2
+        low, high = (low, middle) if execute(np.append(line, along[middle])) else (middle, high)
+    return np.append(line, along[high])
