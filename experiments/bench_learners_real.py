@@ -88,8 +88,9 @@ OPTIMA = (
 ABOVE = """# Learning several parameters: the waiter and the humanoid
 
 Written by `make bench-learners`. The tasks of [Table 3](../tables/table_3.md) and [Table 4](../tables/table_4.md),
-every plan executed in MuJoCo: the waiter's friction and the height of a centre of mass; the humanoid's frictions, one
-per foot; these and the bound of the acceleration error, with a centre of mass that is off by what no parameter names.
+every plan executed in MuJoCo. Learned are
+
+{words}.
 
 """
 
@@ -144,8 +145,10 @@ def summary(runs: Sequence[dict[str, Value]]) -> list[dict[str, Value]]:
 
 
 def write_report(runs: Sequence[dict[str, Value]], tasks: Sequence[Task], folder: Path) -> list[Path]:
-    """learners_real.md and learners_real.svg from the runs."""
+    """learners_real.md and learners_real.svg from the runs, of the tasks that have some."""
     records = summary(runs)
+    shown = dict.fromkeys(str(record["task"]) for record in records)
+    tasks = [task for task in tasks if task.name in shown]
     missing = not any(record["method"] in SLOW for record in records)
     gp = WITHOUT_GP if missing else ""
     below = BELOW.format(
@@ -156,9 +159,9 @@ def write_report(runs: Sequence[dict[str, Value]], tasks: Sequence[Task], folder
     optima = [run | {"optimum": run["after_1"]} for run in runs if run["method"] == BRUTE_FORCE]
     page = folder / "learners_real.md"
     tables = markdown_text(Table(COLUMNS, tuple(records))), markdown_text(Table(OPTIMA, tuple(optima)))
-    page.write_text(ABOVE + tables[0] + below + tables[1], encoding="utf-8")
-    shown = dict.fromkeys(record["task"] for record in records)
-    panels = [(str(task), [record for record in records if record["task"] == task]) for task in shown]
+    above = ABOVE.format(words=";\n".join(f"- {task.words}" for task in tasks))
+    page.write_text(above + tables[0] + below + tables[1], encoding="utf-8")
+    panels = [(name, [record for record in records if record["task"] == name]) for name in shown]
     return [page, *write_figure([panels], MARKS, folder, "learners_real")]
 
 

@@ -38,11 +38,12 @@ ALONG = 401
 
 @dataclass(frozen=True)
 class Task:
-    """nodes: of the table of f*, along each axis; columns: of brute force, along each axis but the last;
-    seeds: of the methods that draw, and of those of them that take long to propose
+    """words: what is learned; nodes: of the table of f*, along each axis; columns: of brute force, along each axis but
+    the last; seeds: of the methods that draw, and of those of them that take long to propose
     """
 
     name: str
+    words: str
     problem: Problem
     nodes: int
     columns: int
@@ -56,11 +57,19 @@ class Task:
 TASKS = (
     Task(
         "waiter: friction, height",
+        "the waiter's friction and the height of a centre of mass",
         replace(WAITER, overrides=(*WAITER.overrides, STILL), executions_per_plan=1),
         nodes=25, columns=33, seeds=(10, 2),
     ),
-    Task("humanoid: frictions", FRICTIONS, nodes=17, columns=33, seeds=(3, 1)),
-    Task("humanoid: frictions, error", WITH_ERROR, nodes=9, columns=13, seeds=(3, 1)),
+    Task(
+        "humanoid: frictions", "the humanoid's frictions, one per foot", FRICTIONS,
+        nodes=17, columns=33, seeds=(3, 1),
+    ),
+    Task(
+        "humanoid: frictions, error",
+        "these and the bound of the acceleration error, with a centre of mass that is off by what no parameter names",
+        WITH_ERROR, nodes=9, columns=13, seeds=(3, 1),
+    ),
 )  # fmt: skip
 
 
