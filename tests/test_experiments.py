@@ -253,7 +253,7 @@ def test_the_benchmark_of_learners_executes_the_waiter(tmp_path):
         incumbents = [float(one[f"after_{n}"]) for n in range(1, 41)]
         assert incumbents[0] >= incumbents[-1] > 3.0  # [s]; the most optimistic plan takes 2.99 s
     page = (folder / "learners_real.md").read_text(encoding="utf-8")
-    assert "| waiter: friction, height | bnb-informed | 1 |" in page
+    assert "| waiter: friction, height, coarse | bnb-informed | 1 |" in page
     assert (folder / "learners_real.svg").exists()
     before = (folder / "learners_real.csv").read_bytes()
     run("bench_learners_real.py", folder, *arguments, "--resume")
