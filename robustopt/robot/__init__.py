@@ -46,16 +46,14 @@ class ArmDynamics:
             getattr(self, item.name).setflags(write=False)
 
 
-class Robot:
-    """An arm with `n` joints that carries a tray.
+class Links:
+    """What an arm and a robot on its feet have in common: links without actuators, joints and their limits.
 
-    `hinges` (n,): whether a joint turns (or slides). `up` (3,): unit vector against gravity, world. `spec`: the links
-    without actuators, to be copied and added to. `notes`: what of the model file was left out.
+    `hinges` (n,): whether a joint turns (or slides). `spec`: the links, to be copied and added to. `notes`: what of the
+    model file was left out.
     """
 
-    def __init__(
-        self, spec: mujoco.MjSpec, model: mujoco.MjModel, limits: JointLimits, notes: tuple[str, ...] = ()
-    ) -> None:
+    def __init__(self, spec: mujoco.MjSpec, model: mujoco.MjModel, limits: JointLimits, notes: tuple[str, ...]) -> None:
         switch_off_all_but_the_links(model)
         self.spec = spec
         self.joint_names = joint_names(model)
@@ -65,6 +63,18 @@ class Robot:
         self.notes = notes
         self._model = model
         self._data = mujoco.MjData(model)
+
+
+class Robot(Links):
+    """An arm with `n` joints that carries a tray.
+
+    `up` (3,): unit vector against gravity, world
+    """
+
+    def __init__(
+        self, spec: mujoco.MjSpec, model: mujoco.MjModel, limits: JointLimits, notes: tuple[str, ...] = ()
+    ) -> None:
+        super().__init__(spec, model, limits, notes)
         self._site = model.site(TRAY_SITE).id
         self._body = int(model.site_bodyid[self._site])
         self._gravity = np.array(model.opt.gravity)

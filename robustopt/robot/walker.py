@@ -19,7 +19,7 @@ from robustopt.config import BASE_COORDINATES as BASE
 from robustopt.config import FEET, HANDS, Config, RailConfig
 from robustopt.config.geometry import rail_box
 from robustopt.errors import RobotError
-from robustopt.robot import switch_off_all_but_the_links
+from robustopt.robot import Links
 from robustopt.robot.joint_limits import JointLimits, joint_limits
 from robustopt.robot.model_file import compile_spec, joint_names
 from robustopt.robot.walker_model import Sole, load_walker_model
@@ -81,7 +81,7 @@ LEAST_JOINTS = 6
 """Joints of a limb: at least as many as the pose of its foot or hand has coordinates."""
 
 
-class Walker:
+class Walker(Links):
     """A floating base with joints, two feet, and a hand if it rests on a rail.
 
     `joint_names` (n,): the base's coordinates first; `limits`: infinite for the base; `posture` (n,): where the base
@@ -99,19 +99,11 @@ class Walker:
         contacts: Mapping[str, Sole],
         notes: tuple[str, ...] = (),
     ) -> None:
-        switch_off_all_but_the_links(model)
-        self.spec = spec
-        self.joint_names = joint_names(model)
-        self.n = model.nv
-        self.limits = limits
-        self.hinges = model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE
+        super().__init__(spec, model, limits, notes)
         self.posture = posture
         self.contacts = dict(contacts)
-        self.notes = notes
         self.mass = float(model.body_mass.sum())
         self.up = -np.array(model.opt.gravity) / np.linalg.norm(model.opt.gravity)
-        self._model = model
-        self._data = mujoco.MjData(model)
         self._sites = {name: model.site(name).id for name in contacts}
         self.chains = {name: self._chain(name) for name in contacts}
         self.limbs = {name: self._limb(name) for name in contacts}
