@@ -10,6 +10,7 @@ import importlib
 import time
 from collections.abc import Callable, MutableMapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from dataclasses import dataclass
 from multiprocessing import Manager, get_context
 from pathlib import Path
 
@@ -24,11 +25,14 @@ PAPER = ("durations", "table_1", "table_2", "figure_3", "table_3", "table_4", "f
 BEYOND = ("table_2_truths", "table_2_K", "table_2_calibrated")
 """Parts, each a module with `write(out, place)`; the first are the paper's own."""
 
-LONGEST = ("table_2_K", "table_2_calibrated", "table_4", "table_3")
+LONGEST = ("table_2_calibrated", "table_2_K", "table_4", "table_3")
 """Parts that take minutes: begun first, so that no worker ends long after the others."""
 
-LAST = ("figure_8", "figure_3")
-"""Parts that come after all others, one by one: the first reads runs of tables 3 and 4, the second measures times."""
+AHEAD = {"table_4": ("frictions, error", "frictions")}
+"""Parts whose runs are made ahead, group by group, each by a worker: modules with `run(group, place)`, too."""
+
+LAST = ("table_4", "figure_8", "figure_3")
+"""Parts that come after all others, one by one: the first and the second read runs, the third measures times."""
 
 Write = Callable[[Path, Bench], list[Path]]
 
@@ -39,39 +43,61 @@ def write_of(part: str) -> Write:
     return write
 
 
-def run_part(part: str, out: Path, workers: int, said: MutableMapping[str, str]) -> str:
-    """Write one part and tell which files; what is going on meanwhile goes to `said`."""
-    began = time.perf_counter()
-    try:
-        paths = write_of(part)(out, bench(part, out, workers, lambda text: said.update({part: text})))
-    except RobustOptError as error:
-        raise SystemExit(f"{part}: {error}") from error
-    return f"{part}: {', '.join(path.name for path in paths)} ({time.perf_counter() - began:.0f} s)"
+@dataclass(frozen=True)
+class Work:
+    """What a worker does: write a part, or make the runs of one of its groups."""
+
+    part: str
+    group: str | None = None
+
+    @property
+    def name(self) -> str:
+        return self.part if self.group is None else f"{self.part} ({self.group})"
+
+    def do(self, out: Path, workers: int, said: MutableMapping[str, str]) -> str:
+        """Do it and tell what came of it; what is going on meanwhile goes to `said`."""
+        began = time.perf_counter()
+        place = bench(self.part, out, workers, lambda text: said.update({self.name: text}))
+        try:
+            if self.group is None:
+                done = ", ".join(path.name for path in write_of(self.part)(out, place))
+            else:
+                importlib.import_module(self.part).run(self.group, place)
+                done = "runs"
+        except RobustOptError as error:
+            raise SystemExit(f"{self.name}: {error}") from error
+        return f"{self.name}: {done} ({time.perf_counter() - began:.0f} s)"
+
+
+def stages_of(parts: Sequence[str], jobs: int) -> list[tuple[list[Work], int]]:
+    """What is done together, and by how many workers; then what is done after it."""
+    together = [part for part in LONGEST if part in parts]
+    together += [part for part in parts if part not in together]
+    first = [Work(part, group) for part in together for group in AHEAD.get(part, (None,)) if part not in LAST or group]
+    return [(first, jobs), *(([Work(part)], 1) for part in LAST if part in parts)]
 
 
 def run_parts(parts: Sequence[str], out: Path, jobs: int, workers: int) -> None:
-    """Write parts, `jobs` of them at a time, with a bar of those that are done and a line for each under way."""
-    long = [part for part in LONGEST if part in parts]
-    together = [*long, *(part for part in parts if part not in (*long, *LAST))]
-    stages = [(together, jobs), *(([part], 1) for part in LAST if part in parts)]
+    """Write parts, `jobs` of them at a time, with a bar of what is done and a line for each under way."""
+    stages = stages_of(parts, jobs)
     with Manager() as manager, _bar() as progress:
         said: MutableMapping[str, str] = manager.dict()
-        whole = progress.add_task("parts", total=len(parts))
+        whole = progress.add_task("parts", total=sum(len(stage) for stage, _ in stages))
         lines: dict[str, TaskID] = {}
         for stage, count in stages:
             pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"))
             try:
-                futures = {pool.submit(run_part, part, out, workers, said): part for part in stage}
+                futures = {pool.submit(work.do, out, workers, said): work.name for work in stage}
                 while futures:
                     done, _ = wait(futures, timeout=0.5, return_when=FIRST_COMPLETED)
-                    for part, text in dict(said).items():
-                        if part not in lines:
-                            lines[part] = progress.add_task(part, total=None)
-                        progress.update(lines[part], description=f"{part}, {text}")
+                    for name, text in dict(said).items():
+                        if name not in lines:
+                            lines[name] = progress.add_task(name, total=None)
+                        progress.update(lines[name], description=f"{name}, {text}")
                     for future in done:
-                        part = futures.pop(future)
-                        if part in lines:
-                            progress.update(lines[part], visible=False)
+                        name = futures.pop(future)
+                        if name in lines:
+                            progress.update(lines[name], visible=False)
                         print(future.result(), flush=True)
                         progress.advance(whole)
             finally:

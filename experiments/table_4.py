@@ -51,8 +51,15 @@ BELOW = """
 """
 
 
+def run(name: str, place: Bench) -> None:
+    """Run brute force and the learners on one of the problems."""
+    (problem,) = (problem for problem in (FRICTIONS, WITH_ERROR) if problem.name == name)
+    brute_force(problem, place)
+    runs(problem, place)
+
+
 def write(out: Path, place: Bench) -> list[Path]:
-    """Run the learners and brute force, and write the table."""
+    """Write the table of the runs; make those that are not there."""
     lines = []
     for problem in (FRICTIONS, WITH_ERROR):
         quickest = brute_force(problem, place)

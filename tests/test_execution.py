@@ -17,7 +17,7 @@ from robustopt.execution.controller import POSITION_VELOCITY, Gains, gains_of, r
 from robustopt.execution.disturbance import FORCE, WORLD, forces, generator
 from robustopt.execution.execute import Executions
 from robustopt.execution.feedback import acceleration_error, feedback_of, with_errors
-from robustopt.execution.monte_carlo import Job, cores, run_all, run_trials, share_cores, simulate_trials
+from robustopt.execution.monte_carlo import Job, cores, is_random, run_all, run_trials, share_cores, simulate_trials
 from robustopt.execution.outcome import TrialOutcome
 from robustopt.execution.simulation import Workspace
 from robustopt.execution.trace import trace
@@ -149,6 +149,29 @@ def test_trial_k_of_many_equals_trial_k_alone(slide):
     for k in (0, 24, 25, 59):
         (alone,) = execute(config, plan, numbers=[k]).outcomes
         assert _same(alone, many.outcomes[k])
+
+
+@pytest.mark.parametrize(
+    "random",
+    [
+        {"truth": {"variation": {"friction": 0.1}}},
+        {"truth": {"variation": {"center_of_mass": {"tray": [0.0, 0.0, 0.01]}}}},
+        {"disturbance": {"force_deviation": [0.0, 5.0, 0.0]}},
+        {"disturbance": {"calibration_deviation": [0.001]}},
+    ],
+)
+def test_whatever_is_drawn_at_random_makes_trials_differ(random):
+    assert is_random(ExecutionConfig(**random))
+    assert not is_random(ExecutionConfig(truth={"friction": 0.3}, disturbance={"hold": 0.1}))
+
+
+def test_where_nothing_is_random_one_simulation_stands_for_all_trials():
+    config, plan = on_a_slide(FLAT, 0.45, hold=[0.05, 0.1])
+    many = execute(config, plan, trials=31)
+    assert many.alike
+    assert [outcome.trial for outcome in many.outcomes] == list(range(31))
+    one_by_one = run_trials(_job((config, plan)), range(31), 2)
+    assert all(map(_same, many.outcomes, one_by_one))
 
 
 def test_the_number_of_workers_changes_no_number(slide, monkeypatch):

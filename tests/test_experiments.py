@@ -258,3 +258,15 @@ def test_the_benchmark_of_learners_executes_the_waiter(tmp_path):
     before = (folder / "learners_real.csv").read_bytes()
     run("bench_learners_real.py", folder, *arguments, "--resume")
     assert (folder / "learners_real.csv").read_bytes() == before
+
+
+def test_every_part_is_written_once_and_after_its_runs(monkeypatch):
+    monkeypatch.syspath_prepend(EXPERIMENTS)
+    import reproduce
+
+    for parts in (reproduce.PAPER, reproduce.PAPER + reproduce.BEYOND, ("figure_8", "table_1"), ("table_4",)):
+        order = [work for stage, _ in reproduce.stages_of(parts, 2) for work in stage]
+        assert sorted(work.part for work in order if work.group is None) == sorted(parts)
+        for part in set(parts) & set(reproduce.AHEAD):
+            groups = [work.group for work in order[: order.index(reproduce.Work(part))] if work.part == part]
+            assert tuple(groups) == reproduce.AHEAD[part]

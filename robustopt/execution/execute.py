@@ -13,7 +13,7 @@ from robustopt.contact_forces import planned_forces
 from robustopt.errors import ConfigError, SimulationFailed
 from robustopt.execution.controller import Reference, gains_of, reference, require_stable
 from robustopt.execution.feedback import Feedback, feedback_of
-from robustopt.execution.monte_carlo import Job, Workers, run_all
+from robustopt.execution.monte_carlo import Job, Workers, is_random, run_all
 from robustopt.execution.outcome import Status, TrialOutcome
 from robustopt.timescaling import Plan
 from robustopt.timescaling.plan import controls_of
@@ -33,7 +33,8 @@ class Executions:
 
     outcomes: one per trial, in their order; requested: number of trials asked for, more than there are where the
     execution was interrupted; duration: of the motion at this speed [s]; timestep [s] and number of steps of a trial;
-    confidence: level of `interval`; feedback: acceleration error, None without a sound trial
+    confidence: level of `interval`; feedback: acceleration error, None without a sound trial; alike: whether nothing is
+    drawn at random, so that one simulation stands for all trials
     """
 
     outcomes: tuple[TrialOutcome, ...]
@@ -45,6 +46,7 @@ class Executions:
     steps: int
     confidence: float
     feedback: Feedback | None
+    alike: bool = False
 
     @property
     def complete(self) -> bool:
@@ -108,7 +110,7 @@ def execute(
     outcomes, _ = run_all(job, chosen, Workers(workers) if isinstance(workers, int) else workers, progress)
     return Executions(
         tuple(outcomes), len(chosen), job.seed, speed, plan.duration / speed, execution.timestep, len(planned.t),
-        execution.confidence, feedback_of(outcomes),
+        execution.confidence, feedback_of(outcomes), alike=not is_random(execution),
     )  # fmt: skip
 
 

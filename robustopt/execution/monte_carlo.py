@@ -8,7 +8,7 @@ from __future__ import annotations
 import gc
 import os
 from collections.abc import Callable, Generator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -153,7 +153,12 @@ class Workers:
 def run_all(
     job: Job, trials: Sequence[int], workers: Workers, progress: Callable[[int, int, int], None] | None
 ) -> tuple[list[TrialOutcome], bool]:
-    """Outcomes of the trials in their order, and whether all were run; Ctrl-C keeps what was done before it."""
+    """Outcomes of the trials in their order, and whether all were run; Ctrl-C keeps what was done before it.
+
+    Where nothing is drawn at random one trial is simulated, and stands for all.
+    """
+    if trials and not is_random(job.execution):
+        return _all_alike(job, trials, progress)
     processes, threads = share_cores(workers.processes)
     chunks = [trials[i : i + CHUNK] for i in range(0, len(trials), CHUNK)]
     outcomes: list[TrialOutcome] = []
@@ -168,6 +173,26 @@ def run_all(
                 progress(len(outcomes), len(trials), sum(outcome.success for outcome in outcomes))
     except KeyboardInterrupt:
         results.close()
+        return outcomes, False
+    return outcomes, True
+
+
+def is_random(execution: ExecutionConfig) -> bool:
+    """Whether trials differ: whether a force, an offset of a joint or a part of the world is drawn at random."""
+    drawn = execution.disturbance
+    return varies(execution.truth) or any(drawn.force_deviation) or bool(np.any(drawn.calibration_deviation))
+
+
+def _all_alike(
+    job: Job, trials: Sequence[int], progress: Callable[[int, int, int], None] | None
+) -> tuple[list[TrialOutcome], bool]:
+    outcomes: list[TrialOutcome] = []
+    try:
+        (first,) = run_trials(job, trials[:1], 1)
+        outcomes = [replace(first, trial=k) for k in trials]
+        if progress is not None:
+            progress(len(trials), len(trials), len(trials) * first.success)
+    except KeyboardInterrupt:
         return outcomes, False
     return outcomes, True
 

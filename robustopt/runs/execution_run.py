@@ -187,7 +187,7 @@ def execution_summary(result: ExecutionResult) -> dict[str, Any]:
         status = "interrupted"
     low, high = executions.interval
     first = min((o for o in executions.outcomes if o.what), key=lambda outcome: outcome.time, default=None)
-    steps = len(executions.outcomes) * executions.steps
+    simulated = min(len(executions.outcomes), 1) if executions.alike else len(executions.outcomes)
     data = known | {
         "kind": "execution",
         "status": status,
@@ -215,7 +215,7 @@ def execution_summary(result: ExecutionResult) -> dict[str, Any]:
             "feedback": executions.feedback,
         },
         "seconds": {**known.get("seconds", {}), "execute": result.seconds},
-        "steps_per_second": steps / result.seconds,
+        "steps_per_second": simulated * executions.steps / result.seconds,
     }
     if result.source is not None:
         data["plan_of"] = str(result.source.absolute())
@@ -235,6 +235,8 @@ def sentence(executions: Executions) -> str:
         f"{executions.successes:,} of {done:,} trials succeeded; the success rate is from {low} to {high} % at a "
         f"confidence of {100 * executions.confidence:g} %."
     )
+    if executions.alike:
+        text += " Nothing is drawn at random in this world: one simulation stands for all trials."
     if others:
         text += f" Of the others: {', '.join(others)}."
     if not executions.complete:
