@@ -22,7 +22,7 @@ from pathlib import Path
 import contenders
 import numpy as np
 from bench_figure import Record
-from bench_report import write_report
+from bench_report import HELP, NOTHING, PLAN, write_report
 from figure_3 import PAPER_FIGURE_3
 from timing import interleaved, machine_facts, spread
 
@@ -69,7 +69,8 @@ class Size:
     """How much is measured: numbers of collocation points and repetitions of each part.
 
     growth: grids whose time per point is compared with the first, where fixed costs hardly count; growth_turn: how long
-    each of them is repeated before the next has its turn [s]; from_source: cold starts with nothing compiled
+    each of them is repeated before the next has its turn [s]; from_source: cold starts with nothing compiled;
+    commands: runs of each whole process
     """
 
     rows: tuple[int, ...] = (100, 200, 500, 1000, 2000, 5000)
@@ -85,13 +86,14 @@ class Size:
     batch_repetitions: int = 5
     cold: int = 5
     from_source: int = 2
+    commands: int = 5
     configs: tuple[str, ...] = tuple(sorted(path.stem for path in (ROOT / "configs").glob("waiter_*.yaml")))
 
 
 QUICK = Size(
     rows=(20, 40), whole=(20, 40), split=(20,), grids=(20, 40, 80), repetitions=2, growth=(20, 40),
     growth_repetitions=2, growth_turn=0.02, split_repetitions=1, settings=8, batch_repetitions=2, cold=1, from_source=0,
-    configs=(TWO_BLOCKS, SIDE_BY_SIDE),
+    commands=1, configs=(TWO_BLOCKS, SIDE_BY_SIDE),
 )  # fmt: skip
 
 
@@ -289,6 +291,24 @@ def discretisation(size: Size) -> Iterator[Record]:
             }
 
 
+def command_line(size: Size) -> Iterator[Record]:
+    """Whole processes, beside one that does nothing: from the start of the interpreter to its end."""
+    robustopt = str(Path(sys.executable).with_name("robustopt"))
+    config = str(ROOT / "configs" / f"{TWO_BLOCKS}.yaml")
+    with tempfile.TemporaryDirectory() as folder:
+        commands = {
+            NOTHING: [sys.executable, "-c", "pass"],
+            HELP: [robustopt, "--help"],
+            PLAN: [robustopt, "plan", config, "--no-figures"],
+        }
+        calls = {
+            name: partial(subprocess.run, command, check=True, stdout=subprocess.DEVNULL, cwd=folder)
+            for name, command in commands.items()
+        }
+        for name, times in interleaved(calls, size.commands).items():
+            yield {"part": "command line", "config": TWO_BLOCKS, "solver": name, **spread(times)}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description="Computing times of planning: CSV, Markdown and a figure.")
     parser.add_argument("--quick", action="store_true", help="small and few: to see that it runs")
@@ -297,7 +317,7 @@ def main() -> None:
     size = QUICK if arguments.quick else Size()
     began, machine = time.perf_counter(), machine_facts(PACKAGES)
     records: list[Record] = []
-    for part in (solver_stage, cold_start, whole_plan, batches, papers_split, discretisation):
+    for part in (solver_stage, cold_start, whole_plan, command_line, batches, papers_split, discretisation):
         records += part(size)
         print(f"{time.perf_counter() - began:6.1f} s  {part.__name__}", flush=True)
     for path in write_report(records, machine, arguments.out):

@@ -14,6 +14,9 @@ Goal = dict[str, str | bool]
 
 GOAL_POINTS = (200, 1000, 2000)
 
+NOTHING, HELP, PLAN = "python -c pass", "robustopt --help", "robustopt plan configs/waiter_two_blocks.yaml --no-figures"
+"""Commands that are timed as whole processes."""
+
 SAME = 1e-8
 """Durations closer than this part are the same: rows hold to 1e-9 of their limits."""
 
@@ -57,6 +60,12 @@ GROWTH = """How the time grows: the same calls, the grids taking turns of half a
 longer. "Per point" is the time per collocation point against that on the first grid: linear growth is 1.
 """
 
+COMMAND_LINE = """## Command line
+
+Whole processes, from the start of the interpreter to its end, everything compiled and the files in memory; planning
+includes the certificate and the run folder.
+"""
+
 BATCH = """## Batches
 
 Durations of two blocks, N = 200, for settings of the beliefs drawn at random: `BatchPlanner`, with nothing remembered
@@ -86,6 +95,7 @@ def write_report(records: Sequence[Record], machine: str, folder: Path) -> list[
         COLD_START: _cold_start(records),
         WHOLE_PLAN: _whole_plan(records),
         GROWTH: _growth(records),
+        COMMAND_LINE: _command_line(records),
         BATCH: _batches(records),
         PAPERS_SPLIT: _papers_split(records),
         DISCRETISATION: _discretisation(records),
@@ -139,6 +149,9 @@ def _plan_goals(records: Sequence[Record]) -> Iterator[Goal]:
         yield _goal(f"whole plan, N = 200, intervals: {case} [ms]", limit, seconds)
     growth = [float(r["per_point"]) for r in select(records, "growth", N=(2000, 5000))]
     yield _goal("whole plan: time per point at N = 2000 and 5000 against N = 1000", 1, growth, ".2f", NOISE)
+    for command, limit in ((HELP, 0.4), (PLAN, 4)):
+        seconds = [float(r["seconds"]) for r in select(records, "command line", solver=command)]
+        yield _goal(f"`{command}` [s]", limit, seconds, ".2f")
     every = select(records, "batch", settings=1000)
     cores = max((int(r["workers"]) for r in every), default=1)
     seconds = [float(r["seconds"]) for r in every if r["workers"] == cores]
@@ -187,6 +200,14 @@ def _growth(records: Sequence[Record]) -> Table:
         Column("per_point", "per point", ".2f"),
     )  # fmt: skip
     return Table(columns, _scaled(select(records, "growth"), 1e3, "seconds"))
+
+
+def _command_line(records: Sequence[Record]) -> Table:
+    columns = (
+        Column("solver", "command"), Column("seconds", "time [s]", ".2f"),
+        Column("lower_quartile", "lower quartile", ".2f"), Column("upper_quartile", "upper quartile", ".2f"),
+    )  # fmt: skip
+    return Table(columns, tuple(select(records, "command line")))
 
 
 def _batches(records: Sequence[Record]) -> Table:

@@ -18,8 +18,8 @@ from robustopt.config import Config, with_values
 from robustopt.config.geometry import Patch, convex_hull, patches, placements, rotation
 from robustopt.contact import about_point, patch_facets
 from robustopt.problem import TimeScalingProblem
-from robustopt.problem.polygons import Loads
-from robustopt.problem.rows import evaluate
+from robustopt.problem.polygons import Family, facet_family
+from robustopt.problem.rows import PathMotion, TorqueFamily, evaluate
 from robustopt.problem.uncertainty import INERTIA_TERMS, acceleration_error, bodies, contact_shift, friction
 from robustopt.timescaling import Plan, Status
 from robustopt.timescaling.plan import interval_ends
@@ -33,14 +33,17 @@ STARTS = 3
 DISPLACEMENTS = 16
 """Random displacements of the contact points of a patch beside the systematic ones."""
 
+NOTHING = np.zeros((0, 0, 3))
+"""The own part of rows that have none."""
+
 WORST_ROWS = 6
-"""Facets that are searched at each end of an interval: those whose bound is largest, where it is violated at all."""
+"""Rows that are searched at each end of an interval: those whose bound is largest, where it is violated at all."""
 
 CHUNK = 16
 """Ends of intervals whose bounds are evaluated at once, for the sake of memory."""
 
 VIOLATION = 1e-6
-"""Fraction of the weight by which a worst case may leave the cone before it becomes a row."""
+"""Fraction of the weight, or of a torque limit, by which a worst case may exceed it before it becomes a row."""
 
 ROUNDS, CLIMBS = 40, 8
 """Most rounds of cuts, and sweeps over the parameters from one start; both end by themselves before that."""
@@ -108,35 +111,69 @@ def box_of(config: Config, joints: int) -> Box:
 
 
 @dataclass(frozen=True)
-class Interface:
-    """One interface: facets of the cones of all displaced patches about the tray's origin, as fractions of the weight.
+class Limit:
+    """Rows over the wrench about the tray's origin that some bodies need: of an interface, or of the joints' torques.
 
-    carried: which bodies of the box load it, (n,); loads: the same with the planner's bounds, about `point`; they only
-    choose where the search begins
+    facets: as fractions of the limit, (F, 6), or (P, F, 6) where they differ from point to point; of an interface those
+    of all displaced patches; own: affine part of a row by itself, (P, F, 3); own_error: what the acceleration errors
+    z in [-1, 1] add to it, (P, F, n); both 0 for an interface, and without points
+    carried: which bodies of the box load it, (n,); family: the same with the planner's bounds, facets about `point`;
+    it only chooses where the search begins
     """
 
     facets: Array
+    own: Array
+    own_error: Array
     carried: Array
-    loads: Loads
+    family: Family
     point: Array
 
+    def rows(self, points: Array, row: Array, z: Array) -> tuple[Array, Array]:
+        """Facet (M, 6) and own part (M, 3) of a row at each point, for parameters z (M, size)."""
+        if self.facets.ndim == 2:
+            return self.facets[row], np.zeros((len(row), 3))
+        own = self.own[points, row].copy()
+        errors = self.own_error[points, row]
+        own[:, 2] += np.einsum("mj,mj->m", errors, z[:, z.shape[1] - errors.shape[1] :])
+        return self.facets[points, row], own
 
-def interfaces(problem: TimeScalingProblem, box: Box, rng: np.random.Generator) -> list[Interface]:
+    def values(self, points: Array, wrench: Array, timing: Array, z: Array) -> Array:
+        """Values of all rows for the wrenches (M, 6) at (u, x, 1) (M, 3), (M, F)."""
+        if self.facets.ndim == 2:
+            return wrench @ self.facets.T
+        own = np.einsum("mfk,mk->mf", self.own[points], timing)
+        errors = self.own_error[points]
+        own += np.einsum("mfj,mj->mf", errors, z[:, z.shape[1] - errors.shape[2] :])
+        return own + np.einsum("mfi,mi->mf", self.facets[points], wrench)
+
+
+def interfaces(problem: TimeScalingProblem, box: Box, rng: np.random.Generator) -> list[Limit]:
     config = problem.config
     lowest, shift = friction(config), contact_shift(config)
     found = []
     for family in problem.limits.contacts:
         (name,), (load,) = family.system.objects, family.system.loads
         patch = next(patch for patch in patches(config) if patch.object == name)
-        facets = [
-            _facets(config, patch, corners, lowest[name]) for corners in _displaced(patch, shift.get(name, 0.0), rng)
-        ]
-        found.append(
-            Interface(
-                np.concatenate(facets) / family.weight, np.isin(box.names, load), family.loads, family.system.points[0]
-            )
+        facets = np.concatenate(
+            [_facets(config, patch, corners, lowest[name]) for corners in _displaced(patch, shift.get(name, 0.0), rng)]
         )
+        facets /= family.weight
+        point = family.system.points[0]
+        bounds = facet_family(facets @ np.linalg.inv(about_point(point)), family.loads, np.arange(len(facets)))
+        found.append(Limit(facets, NOTHING, NOTHING, np.isin(box.names, load), bounds, point))
     return found
+
+
+def torque(problem: TimeScalingProblem, box: Box) -> Limit:
+    """The torque limits of an arm without viscous friction."""
+    limits, motion = problem.limits.torque, problem.limits.motion
+    assert isinstance(limits, TorqueFamily)
+    assert isinstance(motion, PathMotion)
+    per_limit = motion.arm.mass_matrix * box.radius / problem.robot.limits.torque[:, None]
+    every = np.arange(2 * problem.robot.n)
+    family = Family(limits.B, limits.loads, limits.base, limits.base_terms, every)
+    own_error = np.concatenate([per_limit, -per_limit], axis=1)
+    return Limit(limits.B, limits.base, own_error, np.ones(len(box.names), dtype=bool), family, np.zeros(3))
 
 
 def _facets(config: Config, patch: Patch, corners: Array, mu: float) -> Array:
@@ -159,9 +196,10 @@ def _displaced(patch: Patch, shift: float, rng: np.random.Generator) -> Iterator
         yield patch.polygon + shift * move @ turn.T
 
 
-def coefficients(problem: TimeScalingProblem, box: Box, interface: Interface, points: Array, z: Array) -> Array:
-    """Wrench of an interface for parameters z (M, size): coefficients of u, x, 1 about the tray's origin, (M, 6, 3)."""
-    phi = np.einsum("mnj,n->mj", box.inertial(z), interface.carried.astype(float))
+def coefficients(problem: TimeScalingProblem, box: Box, limit: Limit, points: Array, z: Array) -> Array:
+    """Wrench of the bodies of a limit for parameters z (M, size): coefficients of u, x, 1 about the tray's origin,
+    (M, 6, 3)."""
+    phi = np.einsum("mnj,n->mj", box.inertial(z), limit.carried.astype(float))
     per_rate = np.einsum("mkij,mj->mik", problem.limits.motion.regressors[points], phi)
     result = per_rate[:, :, :3].copy()
     result[:, :, 2] += np.einsum("mik,mk->mi", per_rate[:, :, 3:], box.error(z))
@@ -171,7 +209,7 @@ def coefficients(problem: TimeScalingProblem, box: Box, interface: Interface, po
 def worst_draws(
     problem: TimeScalingProblem,
     box: Box,
-    interface: Interface,
+    limit: Limit,
     points: Array,
     u: Array,
     x: Array,
@@ -185,21 +223,24 @@ def worst_draws(
     M, timing = len(points), np.stack([u, x, np.ones_like(u)], axis=1)
 
     def wrench(z: Array) -> Array:
-        return np.einsum("mik,mk->mi", coefficients(problem, box, interface, points, z), timing)
+        return np.einsum("mik,mk->mi", coefficients(problem, box, limit, points, z), timing)
 
-    likely = _likely_rows(interface, points, u, x)
+    def value_of(row: Array, z: Array) -> Array:
+        normals, own = limit.rows(points, row, z)
+        return np.einsum("mi,mi->m", normals, wrench(z)) + np.einsum("mk,mk->m", own, timing)
+
+    likely = _likely_rows(limit, points, u, x)
     best = np.full(M, -np.inf)
     facet, parameters = np.zeros(M, dtype=np.int64), np.zeros((M, box.size))
-    for trial in range(STARTS * WORST_ROWS):
-        row = likely[:, trial % WORST_ROWS]
+    for trial in range(STARTS * likely.shape[1]):
+        row = likely[:, trial % likely.shape[1]]
         z = np.where(box.free, rng.choice([-1.0, 1.0], size=(M, box.size)), 0.0)
         value = np.full(M, -np.inf)
         for _ in range(CLIMBS):
-            normals = interface.facets[row]
             for k in np.flatnonzero(box.free):
-                levels = [np.einsum("mi,mi->m", normals, wrench(_at(z, k, level))) for level in (-1.0, 0.0, 1.0)]
+                levels = [value_of(row, _at(z, k, level)) for level in (-1.0, 0.0, 1.0)]
                 z = _at(z, k, _best_level(*levels))
-            values = wrench(z) @ interface.facets.T
+            values = limit.values(points, wrench(z), timing, z)
             row, reached = np.argmax(values, axis=1), values.max(axis=1)
             if (reached <= value + 1e-12).all():
                 break
@@ -209,14 +250,17 @@ def worst_draws(
     return best, facet, parameters
 
 
-def _likely_rows(interface: Interface, points: Array, u: Array, x: Array) -> Array:
-    """The facets of largest bound at each point, (M, WORST_ROWS): others are violated less, or by nothing at all."""
-    facets = interface.facets @ np.linalg.inv(about_point(interface.point))
-    none, no_terms = np.zeros((0, 0, 3)), np.zeros((0, 0, 0))
+def _likely_rows(limit: Limit, points: Array, u: Array, x: Array) -> Array:
+    """The rows of largest bound at each point, (M, up to WORST_ROWS): others are violated less, or by nothing at
+    all."""
+    B, loads, base, base_terms, _ = limit.family
     chosen = []
     for k in range(0, len(points), CHUNK):
         part = slice(k, k + CHUNK)
-        bounds = evaluate(facets, interface.loads.at(points[part]), none, no_terms, u[part], x[part])
+        here = points[part]
+        rows, own = B[here] if len(B) > 1 else B[0], base[here] if base.size else base
+        terms = base_terms[here] if base_terms.size else base_terms
+        bounds = evaluate(rows, loads.at(here), own, terms, u[part], x[part])
         chosen.append(np.argsort(-bounds, axis=1)[:, :WORST_ROWS])
     return np.concatenate(chosen)
 
@@ -245,11 +289,19 @@ class Tightness:
 
 
 def tightness(problem: TimeScalingProblem, plan: Plan, seed: int) -> Tightness:
-    """How much faster than a plan another robust plan could be: the fastest one for all draws that the search finds."""
+    """How much faster than a plan another robust plan could be: the fastest one for all draws that the search finds.
+
+    Joint torques are searched where there is no viscous friction, whose tangent is a bound of another kind; else the
+    bounds of the torques are kept.
+    """
     rng = np.random.default_rng(seed)
     box = box_of(problem.config, problem.robot.n)
-    found = interfaces(problem, box, rng)
-    exact = problem.only([name for name in problem.limits.names if not name.startswith(("slip", "tipping"))])
+    found, searched = interfaces(problem, box, rng), ["slip", "tipping"]
+    assert isinstance(problem.limits.torque, TorqueFamily)
+    if not problem.limits.torque.viscous.any():
+        found.append(torque(problem, box))
+        searched += [f"{joint} torque" for joint in problem.robot.joint_names]
+    exact = problem.only([name for name in problem.limits.names if not name.startswith(tuple(searched))])
     current = _with_rows(exact, [_standing_rows(exact, box, item) for item in found])
     count, best = 0, solve_reachability(current)
     for _ in range(ROUNDS):
@@ -268,23 +320,27 @@ Cuts = tuple[Array, Array]
 """Grid points (R,) and rows a, b, c there (R, 3)."""
 
 
-def _standing_rows(problem: TimeScalingProblem, box: Box, interface: Interface) -> Cuts:
+def _standing_rows(problem: TimeScalingProblem, box: Box, limit: Limit) -> Cuts:
     """At every grid point the row that standing still comes nearest to, with parameters at their middle: a start."""
-    points = np.arange(len(problem.s))
-    middle = coefficients(problem, box, interface, points, np.zeros((len(points), box.size)))
-    rows = np.einsum("fi,mik->mfk", interface.facets, middle)
-    return points, rows[points, np.argmax(rows[:, :, 2], axis=1)]
+    points, still = np.arange(len(problem.s)), np.array([0.0, 0.0, 1.0])
+    middle = np.zeros((len(points), box.size))
+    wrench = coefficients(problem, box, limit, points, middle)[:, :, 2]
+    values = limit.values(points, wrench, np.broadcast_to(still, (len(points), 3)), middle)
+    return points, _rows_of(problem, box, limit, points, np.argmax(values, axis=1), middle)
 
 
-def _violated_rows(
-    problem: TimeScalingProblem, box: Box, interface: Interface, plan: Plan, rng: np.random.Generator
-) -> Cuts:
+def _violated_rows(problem: TimeScalingProblem, box: Box, limit: Limit, plan: Plan, rng: np.random.Generator) -> Cuts:
     """Rows that a plan violates for the worst parameters found."""
     u, x, points = interval_ends(problem, plan.x, plan.u)
-    value, facet, z = worst_draws(problem, box, interface, points, u, x, rng)
+    value, facet, z = worst_draws(problem, box, limit, points, u, x, rng)
     hit = value > VIOLATION
-    per_rate = coefficients(problem, box, interface, points[hit], z[hit])
-    return points[hit], np.einsum("mi,mik->mk", interface.facets[facet[hit]], per_rate)
+    return points[hit], _rows_of(problem, box, limit, points[hit], facet[hit], z[hit])
+
+
+def _rows_of(problem: TimeScalingProblem, box: Box, limit: Limit, points: Array, row: Array, z: Array) -> Array:
+    """Rows of a limit as coefficients of u, x, 1 for parameters z (M, size), (M, 3)."""
+    normals, own = limit.rows(points, row, z)
+    return np.einsum("mi,mik->mk", normals, coefficients(problem, box, limit, points, z)) + own
 
 
 def _with_rows(problem: TimeScalingProblem, cuts: list[Cuts]) -> TimeScalingProblem:

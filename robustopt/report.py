@@ -237,7 +237,7 @@ def write_execution_figures(result: ExecutionResult, folder: Path, figures: bool
 
         write_film(film(result.config, result.plan, traces, executions.seed), folder / "figures")
     if traces and figures:
-        write(result.config, traces, result.plan.problem.robot.joint_names, folder / "figures")
+        write(result.config, traces, result.plan.problem.robot, folder / "figures")
 
 
 def write_learning_figures(data: Mapping[str, Any], planned: PlanResult | None, folder: Path) -> None:

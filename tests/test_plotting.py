@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex
+from scenes import FLAT, plan_of, scene
 from scipy.optimize import linprog
 
 from robustopt.certificate import certify
@@ -44,6 +45,7 @@ class Arm:
 
     def __init__(self, n):
         self.joint_names = tuple(f"joint{k + 1}" for k in range(n))
+        self.hinges = np.ones(n, dtype=bool)
         self.limits = SimpleNamespace(
             lower=np.full(n, -2.0), upper=np.full(n, 3.0), velocity=np.full(n, 3.0), acceleration=np.full(n, 8.0),
             torque=np.full(n, 20.0),
@@ -347,6 +349,20 @@ def test_binding_parts_of_a_joint_are_marked():
         (marked,) = axes.collections
         assert len(marked.get_segments()) == binding
     assert sum(len(axes.collections[0].get_segments()) for axes in accelerations) > 50
+
+
+@pytest.mark.parametrize(
+    ("robot", "units"),
+    [
+        ("two_slides", ["m", "m/s", "m/s²", "N"]),
+        ("tilting_slide", ["rad, m", "rad/s, m/s", "rad/s², m/s²", "N m, N"]),
+    ],
+)
+def test_joints_that_slide_have_units_of_their_own(robot, units):
+    config = scene(robot, objects={"box": FLAT}, path={"joints": [[0.0, 0.0], [0.3, 0.3]]})
+    (figure,) = joint_figures(plan_of(config), "sliding")
+    rows = [axes.get_ylabel() for axes in figure.axes if axes.get_ylabel()]
+    assert [row[row.index("[") + 1 : -1] for row in rows] == units
 
 
 def test_many_joints_take_several_figures():

@@ -282,8 +282,8 @@ def test_a_plan_that_is_right_about_its_world_succeeds_with_the_planned_forces(f
     with house_style():
         drawn = figures(fine, fine.problem.config)
     assert "left hand" in [text.get_text() for text in drawn["feet"].axes[0].get_legend().get_texts()]
-    names = fine.problem.robot.joint_names
-    assert tmp_path / "foot_contacts.svg" in write_execution_figures(fine.problem.config, [seen], names, tmp_path)
+    robot = fine.problem.robot
+    assert tmp_path / "foot_contacts.svg" in write_execution_figures(fine.problem.config, [seen], robot, tmp_path)
 
 
 def test_a_hand_slips_where_its_rail_is_smoother_than_believed(fine: Plan) -> None:

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from robustopt.certificate import Certificate
     from robustopt.config import Config
     from robustopt.execution.trace import Trace
+    from robustopt.robot import Links
     from robustopt.timescaling.plan import Plan
 
 __all__ = [
@@ -60,20 +61,20 @@ def write_figures(plan: Plan, config: Config, folder: Path, certificate: Certifi
         return [path for name, figure in drawn.items() for path in save(figure, folder, name)]
 
 
-def write_execution_figures(config: Config, traces: Sequence[Trace], names: Sequence[str], folder: Path) -> list[Path]:
+def write_execution_figures(config: Config, traces: Sequence[Trace], robot: Links, folder: Path) -> list[Path]:
     """Write the figures of trials: the first trace is the one whose accelerations are drawn.
 
     Args:
         config: what was executed.
         traces: of one trial, or of several to stand side by side.
-        names: of the plan's coordinates: the robot's joints, after those of its base where that is free.
+        robot: what the plan moved.
         folder: made if it is missing.
     """
     folder.mkdir(parents=True, exist_ok=True)
     with house_style():
         drawn = {
-            "trials": trials_figure(traces, config.name),
-            "accelerations": accelerations_figure(traces[0], names, config.name),
+            "trials": trials_figure(traces, robot, config.name),
+            "accelerations": accelerations_figure(traces[0], robot, config.name),
         }
         if config.walks:
             drawn["foot_contacts"] = foot_contacts_figure(traces, config.name)

@@ -10,7 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from robustopt.execution.trace import Trace
-from robustopt.plotting.style import BLUE, CONTACT_COLOURS, GREY, INK, LIMIT_COLOURS, PALE, VERMILLION
+from robustopt.plotting.style import BLUE, CONTACT_COLOURS, GREY, INK, LIMIT_COLOURS, PALE, VERMILLION, joint_unit
+from robustopt.robot import Links
 
 SHOWN = 1.5
 """What exceeds this many times its threshold is cut off: an object on the floor says nothing more."""
@@ -25,7 +26,7 @@ LOADED = 0.05
 """Part of the largest planned force on a contact below which its friction and centre of pressure say nothing."""
 
 
-def trials_figure(traces: Sequence[Trace], title: str) -> Figure:
+def trials_figure(traces: Sequence[Trace], robot: Links, title: str) -> Figure:
     """Slip and tilt of everything that friction holds and tracking error of joints over time, a column per trial."""
     figure = Figure(figsize=(max(3.6 * len(traces), 5.0) + 1.6, 6.4))
     axes = figure.subplots(3, len(traces), sharex="col", sharey="row", squeeze=False)
@@ -48,18 +49,16 @@ def trials_figure(traces: Sequence[Trace], title: str) -> Figure:
         axes[row, 0].set_ylim(0, factor * _top(traces, kind))
     before = [np.abs(trace.tracking_error[_sound(trace)]).max(initial=1e-9) for trace in traces]
     axes[2, 0].set_ylim(-1.3e3 * max(before), 1.3e3 * max(before))
-    axes[2, 0].set_ylabel("tracking error [mrad]")
+    driven = robot.hinges[len(robot.hinges) - len(traces[0].joint_names) :]
+    axes[2, 0].set_ylabel(f"tracking error [{joint_unit('mrad', driven)}]")
     for row in (0, 2):
         axes[row, -1].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     figure.suptitle(title, x=0.01, ha="left")
     return figure
 
 
-def accelerations_figure(trace: Trace, names: Sequence[str], title: str) -> Figure:
-    """Acceleration of a trial, low-passed, against the plan, a row for each coordinate that the plan moves.
-
-    names: of the plan's coordinates (n,)
-    """
+def accelerations_figure(trace: Trace, robot: Links, title: str) -> Figure:
+    """Acceleration of a trial, low-passed, against the plan, a row for each coordinate that the plan moves."""
     peaks = np.abs(trace.planned).max(axis=0)
     moved = np.flatnonzero(peaks > STILL * peaks.max())
     figure = Figure(figsize=(6.5, 0.8 + 1.1 * len(moved)))
@@ -70,11 +69,11 @@ def accelerations_figure(trace: Trace, names: Sequence[str], title: str) -> Figu
         axis.plot(trace.t[shown], trace.planned[shown, k], color=INK, linewidth=0.8, label="planned")
         peak = np.abs(trace.planned[shown, k]).max(initial=1e-6)
         axis.set_ylim(-2.0 * peak, 2.0 * peak)
-        axis.set_ylabel(_words(names[int(k)]).replace(" ", "\n"))
+        axis.set_ylabel(_words(robot.joint_names[k]).replace(" ", "\n"))
         _mark(axis, trace)
     axes[-1].set_xlabel("time [s]")
-    unit = "[m/s², rad/s²]" if trace.contacts else "[rad/s²]"
-    axes[0].set_title(f"{'' if trace.contacts else 'joint '}acceleration {unit}, trial {trace.outcome.trial}")
+    unit = joint_unit("rad/s²", robot.hinges[moved])
+    axes[0].set_title(f"{'' if trace.contacts else 'joint '}acceleration [{unit}], trial {trace.outcome.trial}")
     axes[0].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     figure.suptitle(title, x=0.01, ha="left")
     return figure

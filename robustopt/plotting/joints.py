@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from robustopt.contact_forces import planned_forces
-from robustopt.plotting.style import BLUE, INK, VERMILLION
+from robustopt.plotting.style import BLUE, INK, VERMILLION, joint_unit
 from robustopt.problem.uncertainty import acceleration_error
 from robustopt.trajectory import Trajectory, joint_motion
 
@@ -123,11 +123,11 @@ def _torque(plan: Plan, points: NDArray[np.intp], u: Array, x: Array) -> Quantit
 def _figure(plan: Plan, times: Array, quantities: list[Quantity], joints: Sequence[int], title: str) -> Figure:
     figure = Figure(figsize=(max(1.2 + 1.9 * len(joints), 6.5), 7.8))
     axes = figure.subplots(len(quantities), len(joints), sharex=True, squeeze=False)
-    names = plan.problem.robot.joint_names
+    names, hinges = plan.problem.robot.joint_names, plan.problem.robot.hinges[list(joints)]
     for row, quantity in enumerate(quantities):
         for column, joint in enumerate(joints):
             _draw(axes[row, column], times, quantity, joint, _binding(plan, f"{names[joint]} {quantity.name}"))
-        axes[row, 0].set_ylabel(f"{quantity.name} [{UNITS[quantity.name]}]")
+        axes[row, 0].set_ylabel(f"{quantity.name} [{joint_unit(UNITS[quantity.name], hinges)}]")
     for column, joint in enumerate(joints):
         axes[0, column].set_title(names[joint], loc="center")
         axes[-1, column].set_xlabel("time [s]")

@@ -8,9 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib.style
+import numpy as np
 from matplotlib.figure import Figure
 
 from robustopt.trajectory import NO_LIMIT
+
+Array = np.ndarray
 
 BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY, INDIGO, WINE = (
     "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#332288", "#882255",
@@ -64,6 +67,12 @@ def limit_colours(shares: Mapping[str, float]) -> dict[str, str]:
     names = [name for name in shares if name != NO_LIMIT]
     own = dict(zip(names, LIMIT_COLOURS, strict=False))
     return {**own, **dict.fromkeys(names[len(own) :], GREY), OTHER: GREY, NO_LIMIT: DARK_GREY}
+
+
+def joint_unit(unit: str, hinges: Array) -> str:
+    """The unit of a quantity of joints that turn, of ones that slide, or of both: rad/s, m/s or rad/s, m/s."""
+    sliding = "N" if unit == "N m" else unit.replace("rad", "m")
+    return unit if hinges.all() else f"{unit}, {sliding}" if hinges.any() else sliding
 
 
 def percent(share: float) -> str:

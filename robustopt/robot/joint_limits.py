@@ -26,7 +26,7 @@ from robustopt.robot.model_file import RobotModel, joint_names
 
 VELOCITY_NUMERIC = "velocity_limit"
 ACCELERATION_NUMERIC = "acceleration_limit"
-REQUIRED_UNITS = {"velocity": "rad/s", "acceleration": "rad/s^2", "torque": "N m"}
+REQUIRED_UNITS = {"velocity": "rad/s or m/s", "acceleration": "rad/s^2 or m/s^2", "torque": "N m or N"}
 
 
 @dataclass(frozen=True)
