@@ -4,6 +4,7 @@ import os
 from dataclasses import asdict, replace
 from functools import partial
 
+import mujoco
 import numpy as np
 import pytest
 from scenes import BOX, FLAT, G, plan_of, scene, waiter
@@ -13,7 +14,7 @@ from robustopt.confidence import clopper_pearson
 from robustopt.config import DisturbanceConfig, ExecutionConfig, TruthConfig, with_values
 from robustopt.errors import ConfigError, ProblemInfeasible, SimulationFailed
 from robustopt.execution import Status, Workers, execute, monte_carlo
-from robustopt.execution.controller import POSITION_VELOCITY, Gains, gains_of, reference
+from robustopt.execution.controller import POSITION_VELOCITY, Gains, JointLayout, gains_of, reference, require_stable
 from robustopt.execution.disturbance import FORCE, WORLD, forces, generator
 from robustopt.execution.execute import Executions
 from robustopt.execution.feedback import acceleration_error, feedback_of, with_errors
@@ -433,6 +434,23 @@ def test_a_time_step_that_is_too_long_for_the_controller_is_refused():
     config = waiter("two_blocks", "contact.friction=0.25", "execution.timestep=0.005")
     with pytest.raises(ConfigError, match=r"0\.005 s; the controller of joint6 is unstable with so long a time step"):
         execute(config, plan_of(config, "reachability"), trials=1)
+
+
+@pytest.mark.parametrize(("share", "stable"), [(0.0, True), (0.9, True), (1.1, False)])
+def test_an_integral_gain_beyond_that_of_routh_is_refused(share, stable):
+    """M s^3 + kd s^2 + kp s + ki has its roots on the left where ki < kp kd / M."""
+    M, kp, kd = 10.0, 100.0, 20.0
+    model = mujoco.MjModel.from_xml_string(
+        f"<mujoco><option timestep='1e-5'/><worldbody><body><joint type='slide' axis='1 0 0'/>"
+        f"<geom size='0.1' mass='{M}'/></body></worldbody></mujoco>"
+    )
+    gains = Gains(np.array([kp]), np.array([share * kp * kd / M]), np.array([kd]), POSITION_VELOCITY)
+    layout = JointLayout(np.array([0]), np.array([0]), np.array([0]), {})
+    if stable:
+        require_stable(model, layout, gains, ("rail",), np.zeros((2, 1)))
+    else:
+        with pytest.raises(ConfigError, match=r"ki: found 220; the controller of rail is unstable"):
+            require_stable(model, layout, gains, ("rail",), np.zeros((2, 1)))
 
 
 def test_a_plan_with_a_number_that_is_not_finite_is_refused(slide):

@@ -28,6 +28,9 @@ Array = NDArray[np.float64]
 BANDWIDTH = 50.0
 """Natural frequency of the default gains [rad/s], about that of the first joint of the shipped robot (our choice)."""
 
+GROWTH = 1e-9
+"""Part by which a step may seem to grow what stays as it is: rounding."""
+
 _INPUTS = mujoco.mjtCtrlInput
 POSITION_VELOCITY = int(_INPUTS.mjINPUT_POS) | int(_INPUTS.mjINPUT_VEL)
 PID = int(mujoco.mjtDyn.mjDYN_PID)
@@ -135,31 +138,59 @@ def computed_torque(rigid: mujoco.MjModel, planned: Reference) -> Array:
 
 
 def require_stable(model: mujoco.MjModel, layout: JointLayout, gains: Gains, names: tuple[str, ...], q: Array) -> None:
-    """Refuse a time step at which the sampled controller is unstable somewhere on the path q (P, m).
+    """Refuse a time step or an integral gain at which the sampled controller is unstable on the path q (P, m).
 
     With the time step h, semi-implicit Euler and implicit joint damping D, the loop M qdd = -kp q - (kd + D) qd is
     stable where h^2 kp + 2 h (kd - D) < 4 M: M of the arm and the tray, without objects, which slide on it. Where the
-    base is free, M is what is left of the joints' inertia when the base gives way.
+    base is free, M is what is left of the joints' inertia when the base gives way. With an integral gain the largest
+    eigenvalue of a step of the loop says it; what is carried makes that worse and is not counted, so an integral gain
+    that is just accepted may still be too large.
     """
     data, h = mujoco.MjData(model), model.opt.timestep
-    full = np.zeros((model.nv, model.nv))
-    stiffness = np.diag(h**2 * gains.kp + 2 * h * (gains.kd - model.dof_damping[layout.dofs])) / 4
-    worst = np.zeros(len(names))
+    full, damping = np.zeros((model.nv, model.nv)), model.dof_damping[layout.dofs]
+    stiffness = np.diag(h**2 * gains.kp + 2 * h * (gains.kd - damping)) / 4
+    worst, growing = np.zeros(len(names)), np.zeros(len(names))
     for qi in q:
         data.qpos[layout.joints] = qi
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_makeM(model, data)
         mujoco.mj_fullM(model, data, full)
-        values, vectors = eigh(stiffness, _inertia_of(full, layout.dofs))
+        inertia = _inertia_of(full, layout.dofs)
+        values, vectors = eigh(stiffness, inertia)
         if values[-1] > worst.max():
             worst = values[-1] * np.abs(vectors[:, -1]) / np.abs(vectors[:, -1]).max()
+        if gains.ki.any() and not growing.any():
+            growing = _growing(inertia, damping, gains, h)
     if worst.max() >= 1:
         raise ConfigError(
             f"found {h:g} s; the controller of {names[int(np.argmax(worst))]} is unstable with so long a time step: "
             "expected a shorter one, or smaller gains in execution.controller",
             key="execution.timestep",
         )
+    if growing.any():
+        joint = int(np.argmax(growing))
+        raise ConfigError(
+            f"found {gains.ki[joint]:g}; the controller of {names[joint]} is unstable with so large an integral gain: "
+            "expected well below kp kd / inertia of the joint",
+            key="execution.controller.ki",
+        )
+
+
+def _growing(inertia: Array, damping: Array, gains: Gains, h: float) -> Array:
+    """How much each joint takes part in what grows fastest from step to step (m,); 0 where nothing grows.
+
+    State: position error e, velocity v and integral z, with z' = z - h e, (M + h D) v' = M v + h (ki z - kp e - kd v)
+    and e' = e + h v'.
+    """
+    m, eye = len(inertia), np.eye(len(inertia))
+    solve = np.linalg.inv(inertia + h * np.diag(damping))
+    e, v, z = -h * solve * gains.kp, solve @ (inertia - h * np.diag(gains.kd)), h * solve * gains.ki
+    step = np.block([[eye + h * e, h * v, h * z], [e, v, z], [-h * eye, 0 * eye, eye]])
+    values, vectors = np.linalg.eig(step)
+    fastest = int(np.argmax(np.abs(values)))
+    grows = np.abs(values[fastest]) > 1 + GROWTH
+    return np.abs(vectors[m : 2 * m, fastest]) if grows else np.zeros(m)
 
 
 def _inertia_of(full: Array, dofs: Array) -> Array:
