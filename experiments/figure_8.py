@@ -6,18 +6,21 @@ python experiments/figure_8.py [--out results/tables]
 from __future__ import annotations
 
 from dataclasses import replace
+from math import log
 from pathlib import Path
 
 import numpy as np
 from learned import Bench
 from reproduce import run_alone
-from several import Problem, runs
+from several import LEARNERS, Problem, Run, runs
 from table_3 import WAITER
 from table_4 import FRICTIONS
 
+from robustopt.batch import BatchPlanner
+from robustopt.learning.parameters import CostMap, Parameter
 from robustopt.plotting import style
 from robustopt.plotting.plane import TICKS, Plane, plane_figure
-from robustopt.runs.campaign import Learned
+from robustopt.runs.beliefs import learned_from
 
 AFTER = (5, 10, 20, 40)
 SIDE = 33
@@ -31,26 +34,45 @@ def write(out: Path, place: Bench) -> list[Path]:
     paths = []
     for name, table, problem in (("waiter", "table_3", WAITER), ("humanoid", "table_4", FRICTIONS)):
         found = runs(problem, replace(place, work=place.work.parent / table))
-        planes = [(learner, plane_of(problem, run)) for learner, run in found.items()]
+        durations = guide(problem)
+        planes = [(learner, plane_of(problem, run, durations)) for learner, run in found.items()]
         after = [count for count in AFTER if count <= problem.budget]
         with style.house_style():
             paths += style.save(plane_figure(planes, after), out, f"figure_8_{name}")
     return paths
 
 
-def plane_of(problem: Problem, run: Learned) -> Plane:
-    """What is drawn of a run."""
-    first, second = problem.parameters
-    ticks = np.array([[parameter.value(t) for t in TICKS] for parameter in (first, second)])
+def guide(problem: Problem) -> np.ndarray:
+    """f* on a square grid of the unit square, as the learners interpolate it, (SIDE, SIDE) [s]."""
+    keys = [parameter.key for parameter in problem.parameters]
+    batch = BatchPlanner(learned_from(problem.config(LEARNERS[0]), keys))
+    costs = CostMap(
+        problem.parameters,
+        lambda values: batch.durations([dict(zip(keys, row, strict=True)) for row in values.tolist()]),
+        problem.plans,
+    )
     side = np.linspace(0.0, 1.0, SIDE)
     places = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)
-    durations = run.learner.map.guide(places).reshape(SIDE, SIDE)
+    durations = costs.guide(places).reshape(SIDE, SIDE)
     durations[durations > HOPELESS * durations.min()] = np.inf
-    done = [i for i, row in enumerate(run.rows) if row.result.value in ("success", "failure")]
-    points = np.array([run.state.points[i] for i in done]).reshape(-1, 2)
-    succeeded = np.array([run.rows[i].result.value == "success" for i in done], dtype=bool)
+    return durations
+
+
+def plane_of(problem: Problem, run: Run, durations: np.ndarray) -> Plane:
+    """What is drawn of a run; durations: see `guide`."""
+    first, second = problem.parameters
+    ticks = np.array([[parameter.value(t) for t in TICKS] for parameter in (first, second)])
+    done = [row for row in run["rows"] if row["result"] in ("success", "failure")]
+    points = np.array([[_place(p, row["parameters"][p.key]) for p in (first, second)] for row in done]).reshape(-1, 2)
+    succeeded = np.array([row["result"] == "success" for row in done], dtype=bool)
     labels = (_label(first.key), _label(second.key))
     return Plane(labels, ticks, durations, points, succeeded)
+
+
+def _place(parameter: Parameter, value: float) -> float:
+    """Where a value lies between the ends of its parameter, as `Parameter.value` spaces them."""
+    a, b = parameter.optimistic, parameter.conservative
+    return log(value / a) / log(b / a) if a * b > 0 else (value - a) / (b - a)
 
 
 def _label(key: str) -> str:

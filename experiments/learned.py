@@ -7,6 +7,7 @@ interrupted and does nothing twice; other source begins anew.
 from __future__ import annotations
 
 import hashlib
+import json
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -79,6 +80,15 @@ def learned(config: Config, name: str, place: Bench) -> Learned:
     finally:
         journal.close()
     return found
+
+
+def recorded(config: Config, name: str, place: Bench) -> dict[str, Any]:
+    """What the summary of the run of this name says of its learning: a complete run is read, without any planning."""
+    folder = place.work / name
+    if not (folder / SUMMARY).is_file():
+        learned(config, name, place)
+    resumed(folder, config)
+    return dict(json.loads((folder / SUMMARY).read_text(encoding="utf-8"))["learning"])
 
 
 def _line(name: str, now: Learned) -> str:

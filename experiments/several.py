@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from learned import Bench, learned, success, task
+from learned import Bench, recorded, success, task
 from scan import Found, fastest
 
 from robustopt.config import Config
 from robustopt.learning.learner import Belief
 from robustopt.learning.parameters import Parameter
-from robustopt.runs.campaign import Learned
-from robustopt.runs.learning_summary import row_record
 from robustopt.tables import Column
 
 LEARNERS = ("bnb-midpoint", "bnb-diagonal", "bnb-informed")
@@ -61,9 +59,13 @@ class Problem:
         ]
 
 
-def runs(problem: Problem, place: Bench) -> dict[str, Learned]:
+Run = Mapping[str, Any]
+"""What a run says of its learning, as in its summary."""
+
+
+def runs(problem: Problem, place: Bench) -> dict[str, Run]:
     """The run of every learner."""
-    return {name: learned(problem.config(name), f"{problem.name}-{name}", place) for name in LEARNERS}
+    return {name: recorded(problem.config(name), f"{problem.name}-{name}", place) for name in LEARNERS}
 
 
 def brute_force(problem: Problem, place: Bench) -> Found:
@@ -90,33 +92,32 @@ def columns(problems: Sequence[Problem]) -> tuple[Column, ...]:
     )
 
 
-def line(problem: Problem, name: str, found: Learned, quickest: Found) -> dict[str, Any]:
+def line(problem: Problem, name: str, found: Run, quickest: Found) -> dict[str, Any]:
     """The line of a learner's run."""
-    best = found.best
+    best = found["best"]
     if best is None:
-        return {"problem": problem.name, "learner": name, "executions": found.state.executed}
-    record, last = row_record(found, best), found.rows[-1]
-    duration = float(record["duration"])
+        return {"problem": problem.name, "learner": name, "executions": found["executions"]}
+    last, duration = found["rows"][-1], float(best["duration"])
     return {
-        **dict(best.trial.belief.parameters),
+        **best["parameters"],
         "problem": problem.name,
         "learner": name,
-        "executions": found.state.executed,
+        "executions": found["executions"],
         "duration": duration,
-        "lower_bound": last.lower_bound,
-        "gap": None if last.gap is None else 100 * last.gap,
+        "lower_bound": last["lower_bound"],
+        "gap": None if last["gap"] is None else 100 * last["gap"],
         "to_best": _executions_to(found, 1.05 * quickest.duration),
         "fastest": quickest.duration,
         "slower": 100 * (duration / quickest.duration - 1),
-        "fresh": success(record),
+        "fresh": success(best),
     }
 
 
-def _executions_to(found: Learned, duration: float) -> int | None:
+def _executions_to(found: Run, duration: float) -> int | None:
     """Executions until a plan of at most this duration succeeded [s]."""
     done = 0
-    for row in found.rows:
-        done += row.trial.executions
-        if row.result.value == "success" and (row.trial.duration or np.inf) <= duration:
+    for row in found["rows"]:
+        done += row["executions"]
+        if row["result"] == "success" and row["duration"] <= duration:
             return done
     return None
