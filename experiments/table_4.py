@@ -43,7 +43,7 @@ cm up, which no parameter names.
 BELOW = """
 - Beyond the paper, whose humanoid learns a coefficient of friction per limb by three algorithms whose text we do
   not have; these three are ours, see [learning](../../docs/learning.md). Executions differ in nothing but the plan,
-  so one decides.
+  so one decides, and one simulation stands for all fresh trials.
 - "lower bound": least duration of what no failure rules out; "gap": of the best plan to it. "fastest on the grid":
   of {two} x {two} and {three} x {three} x {three} plans over the box, each executed once from the fastest on until
   one succeeds.

@@ -14,7 +14,17 @@ from robustopt.confidence import clopper_pearson
 from robustopt.config import DisturbanceConfig, ExecutionConfig, TruthConfig, with_values
 from robustopt.errors import ConfigError, ProblemInfeasible, SimulationFailed
 from robustopt.execution import Status, Workers, execute, monte_carlo
-from robustopt.execution.controller import POSITION_VELOCITY, Gains, JointLayout, gains_of, reference, require_stable
+from robustopt.execution.controller import (
+    BANDWIDTH,
+    POSITION_VELOCITY,
+    STABILITY,
+    Gains,
+    JointLayout,
+    _stable_part,
+    gains_of,
+    reference,
+    require_stable,
+)
 from robustopt.execution.disturbance import FORCE, WORLD, forces, generator
 from robustopt.execution.execute import Executions
 from robustopt.execution.feedback import acceleration_error, feedback_of, with_errors
@@ -434,6 +444,30 @@ def test_a_time_step_that_is_too_long_for_the_controller_is_refused():
     config = waiter("two_blocks", "contact.friction=0.25", "execution.timestep=0.005")
     with pytest.raises(ConfigError, match=r"0\.005 s; the controller of joint6 is unstable with so long a time step"):
         execute(config, plan_of(config, "reachability"), trials=1)
+
+
+def test_default_gains_are_stable_for_joints_whose_axes_fall_together():
+    """Two hinges about one axis, between them next to nothing: they have 0.001 kg m^2 against each other, not 1."""
+    a, e, h = 1.0, 1e-3, 1e-3
+    matrices = np.array([[[a + e, a], [a, a]]])
+    stiffness = (h * BANDWIDTH) ** 2 / 4 + h * BANDWIDTH
+
+    def share(inertia):
+        return np.linalg.eigvals(np.linalg.solve(matrices[0], stiffness * np.diag(inertia))).real.max()
+
+    largest = np.array([a + e, a])
+    assert share(largest) > 50
+    assert share(_stable_part(largest, matrices, h)) == pytest.approx(STABILITY, rel=1e-6)
+    apart = np.array([[[2.0, 0.1], [0.1, 1.0]]])
+    assert _stable_part(np.array([2.5, 1.5]), apart, h).tolist() == [2.5, 1.5]
+
+
+def test_an_arm_like_a_shoulder_elbow_and_wrist_is_driven_with_default_gains():
+    straight = [[0.0, 0.3, 0.0, 0.05, 0.0, -0.35, 0.0], [0.4, 0.2, 0.0, 0.05, 0.0, -0.25, 0.0]]
+    level, friction = {"pose": {"rpy": [-np.pi / 2, 0.0, 0.0]}}, {"friction": 0.5}
+    config = scene("seven_joints", {"body": FLAT}, joints=straight, tray=level, contact=friction, execution=FOLLOW)
+    plan = plan_of(config)
+    assert execute(config, plan, trials=1).success_rate == 1.0
 
 
 @pytest.mark.parametrize(("share", "stable"), [(0.0, True), (0.9, True), (1.1, False)])

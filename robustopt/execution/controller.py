@@ -28,6 +28,9 @@ Array = NDArray[np.float64]
 BANDWIDTH = 50.0
 """Natural frequency of the default gains [rad/s], about that of the first joint of the shipped robot (our choice)."""
 
+STABILITY = 0.5
+"""Part of the way to the instability of the sampled controller that default gains may go (our choice)."""
+
 GROWTH = 1e-9
 """Part by which a step may seem to grow what stays as it is: rounding."""
 
@@ -84,22 +87,21 @@ def gains_of(config: Config, robot: Robot | Walker, q: Array) -> Gains:
 
     Actuators that count are `pid` ones, those of a robot on its feet also `position` ones. Default of a joint with
     inertia I, the largest of robot and load at coordinates q (P, n), and bandwidth w: kp = I w^2, kd = 2 I w, ki = 0
-    (critical damping).
+    (critical damping), but less of I where that would be unstable, see `_stable_part`.
     """
     assert config.execution is not None
     given = config.execution.controller
     if isinstance(robot, Walker):
         names, model = robot.joint_names[BASE:], load_walker_model(config)[0].original
         kinds = {PID, int(mujoco.mjtDyn.mjDYN_NONE)}
-        inertia = _largest_inertia_on_feet(robot, q)
     else:
         names, model, kinds = robot.joint_names, load_model(config).original, {PID}
-        inertia = _largest_inertia(config, robot, q)
-    of_model = _model_gains(model, kinds)
-    derived = {"kp": inertia * BANDWIDTH**2, "ki": np.zeros(len(names)), "kd": 2 * inertia * BANDWIDTH}
+    found = _model_gains(model, kinds)
+    if not all(name in found for name in names):
+        found = _default_gains(config, robot, q, names) | found
     values = {}
     for kind, key in (("kp", given.kp), ("ki", given.ki), ("kd", given.kd)):
-        values[kind] = np.array([of_model.get(name, {}).get(kind, derived[kind][i]) for i, name in enumerate(names)])
+        values[kind] = np.array([found[name][kind] for name in names])
         if key is not None:
             values[kind] = _per_joint(key, names, f"execution.controller.{kind}")
     torque = config.walks or given.feedforward == "computed_torque"
@@ -193,7 +195,7 @@ def _growing(inertia: Array, damping: Array, gains: Gains, h: float) -> Array:
     return np.abs(vectors[m : 2 * m, fastest]) if grows else np.zeros(m)
 
 
-def _inertia_of(full: Array, dofs: Array) -> Array:
+def _inertia_of(full: Array, dofs: np.ndarray) -> Array:
     """Inertia of some degrees of freedom while the others give way (m, m), from that of all."""
     others = np.setdiff1d(np.arange(len(full)), dofs)
     across = full[np.ix_(dofs, others)]
@@ -221,17 +223,62 @@ def _model_gains(model: mujoco.MjModel, kinds: set[int]) -> dict[str, dict[str, 
     return found
 
 
-def _largest_inertia_on_feet(robot: Walker, q: Array) -> Array:
-    """Largest diagonal of the mass matrix of a robot's joints over coordinates q (P, n), (m,)."""
-    none = np.zeros_like(q)
-    inertia = robot.dynamics(q, none, none).mass_matrix
-    return np.asarray(np.diagonal(inertia, axis1=1, axis2=2).max(axis=0)[BASE:])
+def _default_gains(
+    config: Config, robot: Robot | Walker, q: Array, names: tuple[str, ...]
+) -> dict[str, dict[str, float]]:
+    """Gains from the inertia of the joints at coordinates q (P, n), by joint name."""
+    assert config.execution is not None
+    largest, unloaded = _inertia_on_feet(robot, q) if isinstance(robot, Walker) else _inertia(config, robot, q)
+    inertia = _stable_part(largest, unloaded, config.execution.timestep).tolist()
+    return {
+        name: {"kp": part * BANDWIDTH**2, "ki": 0.0, "kd": 2 * part * BANDWIDTH}
+        for name, part in zip(names, inertia, strict=True)
+    }
 
 
-def _largest_inertia(config: Config, robot: Robot, q: Array) -> Array:
-    """Largest diagonal of the mass matrix of arm and load over joint positions q (P, n), (n,)."""
-    none = np.zeros_like(q)
-    arm = robot.dynamics(q, none, none)
-    load = config.carried_tray.mass + sum(item.mass for item in config.objects.values())
-    carried = load * np.sum(arm.jacobian[:, :3] ** 2, axis=1)
-    return np.asarray((np.diagonal(arm.mass_matrix, axis1=1, axis2=2) + carried).max(axis=0))
+def _stable_part(largest: Array, matrices: Array, h: float) -> Array:
+    """Inertia of each joint that default gains may be made from, (m,).
+
+    Joints that move much the same, such as two of a shoulder whose axes fall together, have little inertia against each
+    other: gains as for all of it would be unstable (see `require_stable`). So of each joint at most a multiple of what
+    is left of it counts when all others give way: the largest multiple with which the controller goes no more than
+    `STABILITY` of the way. With m joints, STABILITY / m of the limit of each alone is always stable: the matrices are
+    at least 1 / m of the diagonal of what is left.
+
+    largest: inertia of each joint, loaded (m,); matrices: of the joints along the path, unloaded (P, m, m); h: time
+    step [s]
+    """
+    flexibility = np.linalg.inv(matrices)
+    alone = 1.0 / np.diagonal(flexibility, axis1=1, axis2=2).max(axis=0)
+    stiffness = (h * BANDWIDTH) ** 2 / 4 + h * BANDWIDTH
+
+    def reached(multiple: float) -> float:
+        root = np.sqrt(stiffness * np.minimum(largest, multiple * alone))
+        return float(np.linalg.eigvalsh(root[:, None] * flexibility * root).max())
+
+    low, high = STABILITY / (stiffness * len(largest)), float((largest / alone).max())
+    if reached(high) <= STABILITY:
+        return largest
+    for _ in range(40):
+        middle = np.sqrt(low * high)
+        low, high = (middle, high) if reached(middle) <= STABILITY else (low, middle)
+    return np.minimum(largest, low * alone)
+
+
+def _inertia_on_feet(robot: Walker, q: Array) -> tuple[Array, Array]:
+    """Of the joints of a robot on its feet at coordinates q (P, n): largest diagonal of the mass matrix (m,), and what
+    is left of it when the base gives way (P, m, m)."""
+    matrices, joints = robot.dynamics(q, np.zeros_like(q), np.zeros_like(q)).mass_matrix, np.arange(BASE, q.shape[1])
+    left = np.array([_inertia_of(matrix, joints) for matrix in matrices])
+    return np.asarray(np.diagonal(matrices, axis1=1, axis2=2).max(axis=0)[BASE:]), left
+
+
+def _inertia(config: Config, robot: Robot, q: Array) -> tuple[Array, Array]:
+    """At joint positions q (P, n) of an arm: largest diagonal of the mass matrix with all that it carries (n,), and
+    the mass matrices with the tray alone (P, n, n); what is carried counts as a mass at the tray's origin."""
+    arm = robot.dynamics(q, np.zeros_like(q), np.zeros_like(q))
+    tray, load = config.carried_tray.mass, sum(item.mass for item in config.objects.values())
+    J = arm.jacobian[:, :3]
+    carried = (tray + load) * np.sum(J**2, axis=1)
+    largest = (np.diagonal(arm.mass_matrix, axis1=1, axis2=2) + carried).max(axis=0)
+    return np.asarray(largest), np.asarray(arm.mass_matrix + tray * np.swapaxes(J, 1, 2) @ J)
