@@ -78,6 +78,8 @@ BELOW = """
   mass and errors climb to their worst from random corners, squares and products of them included, and contact points
   are displaced one by one (`worst_parameters.py`). No robust plan is faster than that, so the loss of our plan is at
   most the difference.
+- In the task "heavy" joint torque binds: there the torques of all joints are searched in the same way. Its joints have
+  no viscous friction, whose tangent is a bound of another kind.
 - "Share of the price" is this difference as a part of what the intervals cost against the plan without them.
 - Each kind by itself is exact or nearly so. What costs is the product of an acceleration error and a displacement of a
   centre of mass, which is bounded term by term as if every term could be at its worst at once.

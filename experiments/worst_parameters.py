@@ -117,8 +117,8 @@ class Limit:
     facets: as fractions of the limit, (F, 6), or (P, F, 6) where they differ from point to point; of an interface those
     of all displaced patches; own: affine part of a row by itself, (P, F, 3); own_error: what the acceleration errors
     z in [-1, 1] add to it, (P, F, n); both 0 for an interface, and without points
-    carried: which bodies of the box load it, (n,); family: the same with the planner's bounds, facets about `point`;
-    it only chooses where the search begins
+    carried: which bodies of the box load it, (n,); family: the same with the planner's bounds, about the point of its
+    loads; it only chooses where the search begins
     """
 
     facets: Array
@@ -126,7 +126,6 @@ class Limit:
     own_error: Array
     carried: Array
     family: Family
-    point: Array
 
     def rows(self, points: Array, row: Array, z: Array) -> tuple[Array, Array]:
         """Facet (M, 6) and own part (M, 3) of a row at each point, for parameters z (M, size)."""
@@ -160,7 +159,7 @@ def interfaces(problem: TimeScalingProblem, box: Box, rng: np.random.Generator) 
         facets /= family.weight
         point = family.system.points[0]
         bounds = facet_family(facets @ np.linalg.inv(about_point(point)), family.loads, np.arange(len(facets)))
-        found.append(Limit(facets, NOTHING, NOTHING, np.isin(box.names, load), bounds, point))
+        found.append(Limit(facets, NOTHING, NOTHING, np.isin(box.names, load), bounds))
     return found
 
 
@@ -173,7 +172,7 @@ def torque(problem: TimeScalingProblem, box: Box) -> Limit:
     every = np.arange(2 * problem.robot.n)
     family = Family(limits.B, limits.loads, limits.base, limits.base_terms, every)
     own_error = np.concatenate([per_limit, -per_limit], axis=1)
-    return Limit(limits.B, limits.base, own_error, np.ones(len(box.names), dtype=bool), family, np.zeros(3))
+    return Limit(limits.B, limits.base, own_error, np.ones(len(box.names), dtype=bool), family)
 
 
 def _facets(config: Config, patch: Patch, corners: Array, mu: float) -> Array:
@@ -354,4 +353,4 @@ def _with_rows(problem: TimeScalingProblem, cuts: list[Cuts]) -> TimeScalingProb
     extra[:, :, 2] = -1.0
     extra[points, slot] = rows
     a, b, c = (np.hstack([old, extra[:, :, k]]) for k, old in enumerate((problem.a, problem.b, problem.c)))
-    return replace(problem, a=a, b=b, c=c, row_names=(*problem.row_names, *["contact"] * extra.shape[1]))
+    return replace(problem, a=a, b=b, c=c, row_names=(*problem.row_names, *["searched"] * extra.shape[1]))

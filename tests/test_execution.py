@@ -460,6 +460,7 @@ def test_default_gains_are_stable_for_joints_whose_axes_fall_together():
     assert share(_stable_part(largest, matrices, h)) == pytest.approx(STABILITY, rel=1e-6)
     apart = np.array([[[2.0, 0.1], [0.1, 1.0]]])
     assert _stable_part(np.array([2.5, 1.5]), apart, h).tolist() == [2.5, 1.5]
+    assert _stable_part(largest, matrices, 0.02).tolist() == largest.tolist(), "too long a time step is not mended"
 
 
 def test_an_arm_like_a_shoulder_elbow_and_wrist_is_driven_with_default_gains():
@@ -470,21 +471,65 @@ def test_an_arm_like_a_shoulder_elbow_and_wrist_is_driven_with_default_gains():
     assert execute(config, plan, trials=1).success_rate == 1.0
 
 
-@pytest.mark.parametrize(("share", "stable"), [(0.0, True), (0.9, True), (1.1, False)])
-def test_an_integral_gain_beyond_that_of_routh_is_refused(share, stable):
-    """M s^3 + kd s^2 + kp s + ki has its roots on the left where ki < kp kd / M."""
-    M, kp, kd = 10.0, 100.0, 20.0
+def on_a_rail(integrator: str, timestep: float, kp: float, ki: float, kd: float) -> tuple:
+    """One joint of 10 kg with a damping of 2 N s/m, its controller as MuJoCo's actuator, and the arguments of
+    `require_stable`."""
     model = mujoco.MjModel.from_xml_string(
-        f"<mujoco><option timestep='1e-5'/><worldbody><body><joint type='slide' axis='1 0 0'/>"
-        f"<geom size='0.1' mass='{M}'/></body></worldbody></mujoco>"
+        f"""<mujoco><option timestep='{timestep}' integrator='{integrator}' gravity='0 0 0'/><worldbody><body>
+        <joint name='rail' type='slide' axis='1 0 0' damping='2'/><geom size='0.1' mass='10'/></body></worldbody>
+        <actuator><pid joint='rail' input='pos vel' kp='{kp}' ki='{ki}' kv='{kd}'/></actuator></mujoco>"""
     )
-    gains = Gains(np.array([kp]), np.array([share * kp * kd / M]), np.array([kd]), POSITION_VELOCITY)
-    layout = JointLayout(np.array([0]), np.array([0]), np.array([0]), {})
-    if stable:
-        require_stable(model, layout, gains, ("rail",), np.zeros((2, 1)))
+    gains = Gains(np.array([kp]), np.array([ki]), np.array([kd]), POSITION_VELOCITY)
+    return model, JointLayout(np.array([0]), np.array([0]), np.array([0]), {}), gains, ("rail",), np.zeros((2, 1))
+
+
+def grows(model: mujoco.MjModel) -> bool:
+    """Whether a small error is larger at the end than at first."""
+    data = mujoco.MjData(model)
+    data.qpos[0] = 1e-3
+    reached = []
+    for _ in range(4000):
+        mujoco.mj_step(model, data)
+        reached.append(abs(data.qpos[0]) + abs(data.qvel[0]))
+        if reached[-1] > 1e3:
+            return True
+    return max(reached[-400:]) > max(reached[:400])
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "implicitfast"])
+@pytest.mark.parametrize(
+    ("kp", "ki", "kd", "timestep"),
+    [
+        (100.0, 0.0, 20.0, 0.01),
+        (100.0, 190.0, 20.0, 0.01),
+        (100.0, 260.0, 20.0, 0.01),
+        (1e5, 0.0, 400.0, 0.01),
+        (1e5, 0.0, 2300.0, 0.01),
+        (1e6, 0.0, 100.0, 0.01),
+        (1e5, 2e6, 400.0, 0.005),
+        (1e5, 6e6, 400.0, 0.005),
+    ],
+)
+def test_what_is_refused_as_unstable_is_what_grows_in_mujoco(integrator, kp, ki, kd, timestep):
+    arguments = on_a_rail(integrator, timestep, kp, ki, kd)
+    if grows(arguments[0]):
+        with pytest.raises(ConfigError, match=r"(ki|timestep): found"):
+            require_stable(*arguments)
     else:
-        with pytest.raises(ConfigError, match=r"ki: found 220; the controller of rail is unstable"):
-            require_stable(model, layout, gains, ("rail",), np.zeros((2, 1)))
+        require_stable(*arguments)
+
+
+def test_the_joint_whose_integral_gain_is_too_large_is_named():
+    """Both joints move the lighter one, but only the first has an integral gain."""
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><option timestep='0.001'/><worldbody>
+        <body><joint type='slide' axis='1 0 0'/><geom size='0.1' mass='1'/>
+        <body><joint type='slide' axis='1 0 0'/><geom size='0.1' mass='0.2'/></body></body></worldbody></mujoco>"""
+    )
+    gains = Gains(np.array([100.0, 100.0]), np.array([5000.0, 0.0]), np.array([20.0, 5.0]), POSITION_VELOCITY)
+    layout = JointLayout(np.array([0, 1]), np.array([0, 1]), np.array([0, 2]), {})
+    with pytest.raises(ConfigError, match="ki: found 5000; the controller of first is unstable"):
+        require_stable(model, layout, gains, ("first", "second"), np.zeros((1, 2)))
 
 
 def test_a_plan_with_a_number_that_is_not_finite_is_refused(slide):

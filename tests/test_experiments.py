@@ -270,3 +270,6 @@ def test_every_part_is_written_once_and_after_its_runs(monkeypatch):
         for part in set(parts) & set(reproduce.AHEAD):
             groups = [work.group for work in order[: order.index(reproduce.Work(part))] if work.part == part]
             assert tuple(groups) == reproduce.AHEAD[part]
+    import table_4
+
+    assert sorted(reproduce.AHEAD["table_4"]) == sorted(p.name for p in (table_4.FRICTIONS, table_4.WITH_ERROR))

@@ -87,7 +87,7 @@ def gains_of(config: Config, robot: Robot | Walker, q: Array) -> Gains:
 
     Actuators that count are `pid` ones, those of a robot on its feet also `position` ones. Default of a joint with
     inertia I, the largest of robot and load at coordinates q (P, n), and bandwidth w: kp = I w^2, kd = 2 I w, ki = 0
-    (critical damping), but less of I where that would be unstable, see `_stable_part`.
+    (critical damping); of the joints of an arm less of I where that would be unstable, see `_stable_part`.
     """
     assert config.execution is not None
     given = config.execution.controller
@@ -142,15 +142,18 @@ def computed_torque(rigid: mujoco.MjModel, planned: Reference) -> Array:
 def require_stable(model: mujoco.MjModel, layout: JointLayout, gains: Gains, names: tuple[str, ...], q: Array) -> None:
     """Refuse a time step or an integral gain at which the sampled controller is unstable on the path q (P, m).
 
-    With the time step h, semi-implicit Euler and implicit joint damping D, the loop M qdd = -kp q - (kd + D) qd is
-    stable where h^2 kp + 2 h (kd - D) < 4 M: M of the arm and the tray, without objects, which slide on it. Where the
-    base is free, M is what is left of the joints' inertia when the base gives way. With an integral gain the largest
-    eigenvalue of a step of the loop says it; what is carried makes that worse and is not counted, so an integral gain
-    that is just accepted may still be too large.
+    With the time step h and implicit joint damping D, the loop M qdd = -kp q - (kd + D) qd is stable where
+    h^2 kp + 2 h (kd - D) < 4 M with semi-implicit Euler, and where h^2 kp - 2 h (kd + D) < 4 M with MuJoCo's integrator
+    that makes kd implicit too. M is that of the arm and the tray, without objects, which slide on it; where the base is
+    free, what is left of the joints' inertia when the base gives way. With an integral gain the largest eigenvalue of a
+    step of the loop says it: more inertia, of what is carried or of a body over a standing foot, makes that worse and
+    is not counted, so an integral gain that is just accepted may still be too large.
     """
     data, h = mujoco.MjData(model), model.opt.timestep
     full, damping = np.zeros((model.nv, model.nv)), model.dof_damping[layout.dofs]
-    stiffness = np.diag(h**2 * gains.kp + 2 * h * (gains.kd - damping)) / 4
+    implicit = model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    stiffness = h**2 * gains.kp / 4 + (0.0 if implicit else h * (gains.kd - damping) / 2)
+    braking = h * (gains.kd + damping) / 2 if implicit else np.zeros(len(names))
     worst, growing = np.zeros(len(names)), np.zeros(len(names))
     for qi in q:
         data.qpos[layout.joints] = qi
@@ -159,11 +162,11 @@ def require_stable(model: mujoco.MjModel, layout: JointLayout, gains: Gains, nam
         mujoco.mj_makeM(model, data)
         mujoco.mj_fullM(model, data, full)
         inertia = _inertia_of(full, layout.dofs)
-        values, vectors = eigh(stiffness, inertia)
+        values, vectors = eigh(np.diag(stiffness), inertia + np.diag(braking))
         if values[-1] > worst.max():
             worst = values[-1] * np.abs(vectors[:, -1]) / np.abs(vectors[:, -1]).max()
         if gains.ki.any() and not growing.any():
-            growing = _growing(inertia, damping, gains, h)
+            growing = _growing(inertia, damping, gains, h, implicit)
     if worst.max() >= 1:
         raise ConfigError(
             f"found {h:g} s; the controller of {names[int(np.argmax(worst))]} is unstable with so long a time step: "
@@ -179,20 +182,20 @@ def require_stable(model: mujoco.MjModel, layout: JointLayout, gains: Gains, nam
         )
 
 
-def _growing(inertia: Array, damping: Array, gains: Gains, h: float) -> Array:
-    """How much each joint takes part in what grows fastest from step to step (m,); 0 where nothing grows.
+def _growing(inertia: Array, damping: Array, gains: Gains, h: float, implicit: bool) -> Array:
+    """Torque of each joint's integral in what grows fastest from step to step (m,); 0 where nothing grows.
 
-    State: position error e, velocity v and integral z, with z' = z - h e, (M + h D) v' = M v + h (ki z - kp e - kd v)
-    and e' = e + h v'.
+    State: position error e, velocity v and integral z, with z' = z - h e, e' = e + h v' and
+    (M + h D) v' = M v + h (ki z - kp e - kd v), where `implicit` with kd v' instead of kd v.
     """
-    m, eye = len(inertia), np.eye(len(inertia))
-    solve = np.linalg.inv(inertia + h * np.diag(damping))
-    e, v, z = -h * solve * gains.kp, solve @ (inertia - h * np.diag(gains.kd)), h * solve * gains.ki
+    m, eye, kd = len(inertia), np.eye(len(inertia)), h * np.diag(gains.kd)
+    solve = np.linalg.inv(inertia + h * np.diag(damping) + (kd if implicit else 0.0))
+    e, v, z = -h * solve * gains.kp, solve @ (inertia if implicit else inertia - kd), h * solve * gains.ki
     step = np.block([[eye + h * e, h * v, h * z], [e, v, z], [-h * eye, 0 * eye, eye]])
     values, vectors = np.linalg.eig(step)
     fastest = int(np.argmax(np.abs(values)))
     grows = np.abs(values[fastest]) > 1 + GROWTH
-    return np.abs(vectors[m : 2 * m, fastest]) if grows else np.zeros(m)
+    return gains.ki * np.abs(vectors[2 * m :, fastest]) if grows else np.zeros(m)
 
 
 def _inertia_of(full: Array, dofs: np.ndarray) -> Array:
@@ -228,25 +231,28 @@ def _default_gains(
 ) -> dict[str, dict[str, float]]:
     """Gains from the inertia of the joints at coordinates q (P, n), by joint name."""
     assert config.execution is not None
-    largest, unloaded = _inertia_on_feet(robot, q) if isinstance(robot, Walker) else _inertia(config, robot, q)
-    inertia = _stable_part(largest, unloaded, config.execution.timestep).tolist()
+    if isinstance(robot, Walker):
+        inertia = _inertia_on_feet(robot, q)
+    else:
+        inertia = _stable_part(*_inertia(config, robot, q), config.execution.timestep)
     return {
         name: {"kp": part * BANDWIDTH**2, "ki": 0.0, "kd": 2 * part * BANDWIDTH}
-        for name, part in zip(names, inertia, strict=True)
+        for name, part in zip(names, inertia.tolist(), strict=True)
     }
 
 
 def _stable_part(largest: Array, matrices: Array, h: float) -> Array:
-    """Inertia of each joint that default gains may be made from, (m,).
+    """Inertia of each joint of an arm that default gains may be made from, (m,).
 
     Joints that move much the same, such as two of a shoulder whose axes fall together, have little inertia against each
-    other: gains as for all of it would be unstable (see `require_stable`). So of each joint at most a multiple of what
-    is left of it counts when all others give way: the largest multiple with which the controller goes no more than
-    `STABILITY` of the way. With m joints, STABILITY / m of the limit of each alone is always stable: the matrices are
-    at least 1 / m of the diagonal of what is left.
+    other: gains as for all of it would be unstable (see `require_stable`), however sound each joint by itself. So of
+    each joint at most a multiple of what is left of it counts when all others give way: the largest multiple with which
+    the controller goes no more than `STABILITY` of the way. With m joints, STABILITY / m of the limit of each alone is
+    always stable: the matrices are at least 1 / m of the diagonal of what is left. kp and kd shrink alike, so a joint
+    of which a part f counts has a damping ratio of sqrt(f); a shorter time step leaves more.
 
     largest: inertia of each joint, loaded (m,); matrices: of the joints along the path, unloaded (P, m, m); h: time
-    step [s]
+    step [s]. A time step that is too long for the joints by themselves changes nothing: it is for the user to mend.
     """
     flexibility = np.linalg.inv(matrices)
     alone = 1.0 / np.diagonal(flexibility, axis1=1, axis2=2).max(axis=0)
@@ -257,7 +263,8 @@ def _stable_part(largest: Array, matrices: Array, h: float) -> Array:
         return float(np.linalg.eigvalsh(root[:, None] * flexibility * root).max())
 
     low, high = STABILITY / (stiffness * len(largest)), float((largest / alone).max())
-    if reached(high) <= STABILITY:
+    by_itself = stiffness * largest / np.diagonal(matrices, axis1=1, axis2=2).min(axis=0)
+    if by_itself.max() >= 1 or reached(high) <= STABILITY:
         return largest
     for _ in range(40):
         middle = np.sqrt(low * high)
@@ -265,12 +272,10 @@ def _stable_part(largest: Array, matrices: Array, h: float) -> Array:
     return np.minimum(largest, low * alone)
 
 
-def _inertia_on_feet(robot: Walker, q: Array) -> tuple[Array, Array]:
-    """Of the joints of a robot on its feet at coordinates q (P, n): largest diagonal of the mass matrix (m,), and what
-    is left of it when the base gives way (P, m, m)."""
-    matrices, joints = robot.dynamics(q, np.zeros_like(q), np.zeros_like(q)).mass_matrix, np.arange(BASE, q.shape[1])
-    left = np.array([_inertia_of(matrix, joints) for matrix in matrices])
-    return np.asarray(np.diagonal(matrices, axis1=1, axis2=2).max(axis=0)[BASE:]), left
+def _inertia_on_feet(robot: Walker, q: Array) -> Array:
+    """Largest diagonal of the mass matrix of the joints of a robot on its feet at coordinates q (P, n), (m,)."""
+    matrices = robot.dynamics(q, np.zeros_like(q), np.zeros_like(q)).mass_matrix
+    return np.asarray(np.diagonal(matrices, axis1=1, axis2=2).max(axis=0)[BASE:])
 
 
 def _inertia(config: Config, robot: Robot, q: Array) -> tuple[Array, Array]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -32,7 +32,7 @@ def read_urdf(file: Path, resolve_package: Callable[[str], Path | None]) -> tupl
         root = ET.fromstring(file.read_text(encoding="utf-8"))
     except ET.ParseError as error:
         raise ValueError(f"not well-formed XML: {error}") from error
-    without: dict[str, str] = {}
+    without: list[tuple[str, str]] = []
     for link in root.iter("link"):
         for visual in link.findall("visual"):
             link.remove(visual)
@@ -43,21 +43,21 @@ def read_urdf(file: Path, resolve_package: Callable[[str], Path | None]) -> tupl
             found = _mesh_file(mesh.get("filename", ""), file.parent, resolve_package)
             if found is None:
                 link.remove(collision)
-                without.setdefault(link.get("name", ""), mesh.get("filename", ""))
+                without.append((link.get("name", ""), mesh.get("filename", "")))
             else:
                 mesh.set("filename", str(found))
     _set_compiler(root)
     return ET.tostring(root, encoding="unicode"), _limits(root), _notes(without)
 
 
-def _notes(without: Mapping[str, str]) -> tuple[str, ...]:
-    """A note about the collision meshes that were left out, file names by link, if there are any."""
+def _notes(without: Sequence[tuple[str, str]]) -> tuple[str, ...]:
+    """A note about the collision meshes that were left out, (link, file), if there are any."""
     if not without:
         return ()
-    links, first = ", ".join(without), next(iter(without.values()))
-    such_as = first if len(without) == 1 else f"{first} and others"
-    formats = ", ".join(sorted(MESH_FORMATS))
-    return (f"left out: collision meshes of {links}; {such_as} cannot be found, or is not one of {formats}",)
+    links, formats = ", ".join(dict.fromkeys(link for link, _ in without)), ", ".join(sorted(MESH_FORMATS))
+    files = list(dict.fromkeys(file for _, file in without))
+    such_as = f"{files[0]} and {len(files) - 1} more" if len(files) > 1 else files[0]
+    return (f"left out: collision meshes of {links}; cannot be found, or not one of {formats}: {such_as}",)
 
 
 def _mesh_file(name: str, folder: Path, resolve_package: Callable[[str], Path | None]) -> Path | None:

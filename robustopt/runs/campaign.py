@@ -11,7 +11,6 @@ from robustopt.batch import BatchPlanner
 from robustopt.confidence import clopper_pearson
 from robustopt.config import Config, LearningConfig
 from robustopt.errors import ConfigError, RunFolderError
-from robustopt.execution.monte_carlo import CHUNK
 from robustopt.learning import learner_of
 from robustopt.learning.learner import Learner, Planned, Request, Result, Row, State, Trial, tell_all
 from robustopt.learning.parameters import Array, Cost
@@ -186,8 +185,9 @@ class _Campaign:
         missing = [JUDGED + k for k in range(total) if JUDGED + k not in known]
         if not missing:
             return
-        for start in range(0, len(missing), CHUNK):
-            numbers = missing[start : start + CHUNK]
+        while missing:
+            count = self.executor.ahead(len(missing), total)
+            numbers, missing = missing[:count], missing[count:]
             self.journal.add_judgements(i, self.executor.run(made_again(self.planner, row.trial), numbers, 1.0))
         found = self._known(i)
         if found is not None:

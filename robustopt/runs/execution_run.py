@@ -199,6 +199,7 @@ def execution_summary(result: ExecutionResult) -> dict[str, Any]:
             "requested": executions.requested,
             "successes": executions.successes,
             "confidence": executions.confidence,
+            "alike": executions.alike,
             "statuses": {status.value: count for status, count in executions.counts.items()},
             "first_failure": None
             if first is None
@@ -231,12 +232,11 @@ def sentence(executions: Executions) -> str:
         f"{count:,} {status.value}" for status, count in executions.counts.items() if status is not Status.SUCCESS
     ]
     low, high = (f"{100 * end:.1f}" for end in low_high)
-    text = (
-        f"{executions.successes:,} of {done:,} trials succeeded; the success rate is from {low} to {high} % at a "
-        f"confidence of {100 * executions.confidence:g} %."
-    )
+    text = f"{executions.successes:,} of {done:,} trials succeeded; "
     if executions.alike:
-        text += " Nothing is drawn at random in this world: one simulation stands for all trials."
+        text += "nothing is drawn at random in this world, so one simulation stands for all of them."
+    else:
+        text += f"the success rate is from {low} to {high} % at a confidence of {100 * executions.confidence:g} %."
     if others:
         text += f" Of the others: {', '.join(others)}."
     if not executions.complete:

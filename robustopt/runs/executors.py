@@ -7,7 +7,7 @@ from typing import Protocol
 
 from robustopt.config import Config
 from robustopt.execution import TrialOutcome, Workers, execute
-from robustopt.execution.monte_carlo import CHUNK, cores
+from robustopt.execution.monte_carlo import CHUNK, cores, is_random
 from robustopt.learning.moments import Moments
 from robustopt.runs.experiment import PlanResult
 from robustopt.runs.journal import Execution
@@ -42,10 +42,13 @@ class Simulated:
 
     def __init__(self, config: Config, workers: Workers | int = 1) -> None:
         self._config = config
+        self._alike = config.execution is not None and not is_random(config.execution)
         self._workers = Workers(workers) if isinstance(workers, int) else workers
 
     def ahead(self, wanted: int, done: int) -> int:
-        """Twice as many as are known already: few are wasted on a plan that fails at once."""
+        """Twice as many as are known already: few are wasted on a plan that fails at once. All where all are alike."""
+        if self._alike:
+            return wanted
         return min(wanted, max(cores(), done), CHUNK * self._workers.processes)
 
     def run(self, planned: PlanResult, numbers: Sequence[int], speed: float) -> list[Execution]:
