@@ -16,11 +16,10 @@ from several import LEARNERS, Problem, Run, runs
 from table_3 import WAITER
 from table_4 import FRICTIONS
 
-from robustopt.batch import BatchPlanner
 from robustopt.learning.parameters import CostMap, Parameter
 from robustopt.plotting import style
 from robustopt.plotting.plane import TICKS, Plane, plane_figure
-from robustopt.runs.beliefs import learned_from
+from robustopt.runs.campaign import cost_of
 
 AFTER = (5, 10, 20, 40)
 SIDE = 33
@@ -44,13 +43,9 @@ def write(out: Path, place: Bench) -> list[Path]:
 
 def guide(problem: Problem) -> np.ndarray:
     """f* on a square grid of the unit square, as the learners interpolate it, (SIDE, SIDE) [s]."""
-    keys = [parameter.key for parameter in problem.parameters]
-    batch = BatchPlanner(learned_from(problem.config(LEARNERS[0]), keys))
-    costs = CostMap(
-        problem.parameters,
-        lambda values: batch.durations([dict(zip(keys, row, strict=True)) for row in values.tolist()]),
-        problem.plans,
-    )
+    config = problem.config(LEARNERS[0])
+    assert config.learning is not None
+    costs = CostMap(problem.parameters, cost_of(config, config.learning), problem.plans)
     side = np.linspace(0.0, 1.0, SIDE)
     places = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)
     durations = costs.guide(places).reshape(SIDE, SIDE)

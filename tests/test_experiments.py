@@ -161,11 +161,13 @@ class TestPlanningBenchmark:
     def test_every_part_is_measured_for_every_solver(self, records):
         found = {(line["part"], line["solver"]) for line in records}
         stage = {"reachability, passes", "reachability, all", "toppra seidel", "copp-py topp2_ra"}
+        planning = "robustopt plan configs/waiter_two_blocks.yaml --no-figures"
         assert found == {
             *(("solver stage", solver) for solver in stage),
             *(("cold start", solver) for solver in stage - {"reachability, all"}),
             *(("whole plan", step) for step in ("robot", "path", "reachability, rows and solve")),
             ("growth", "reachability, rows and solve"),
+            *(("command line", command) for command in ("python -c pass", "robustopt --help", planning)),
             ("batch", "reachability, rows and solve"),
             ("paper's split", "ipopt, inner programs"),
             ("discretisation", "reachability"),

@@ -142,18 +142,18 @@ def computed_torque(rigid: mujoco.MjModel, planned: Reference) -> Array:
 def require_stable(model: mujoco.MjModel, layout: JointLayout, gains: Gains, names: tuple[str, ...], q: Array) -> None:
     """Refuse a time step or an integral gain at which the sampled controller is unstable on the path q (P, m).
 
-    With the time step h and implicit joint damping D, the loop M qdd = -kp q - (kd + D) qd is stable where
-    h^2 kp + 2 h (kd - D) < 4 M with semi-implicit Euler, and where h^2 kp - 2 h (kd + D) < 4 M with MuJoCo's integrator
-    that makes kd implicit too. M is that of the arm and the tray, without objects, which slide on it; where the base is
-    free, what is left of the joints' inertia when the base gives way. With an integral gain the largest eigenvalue of a
-    step of the loop says it: more inertia, of what is carried or of a body over a standing foot, makes that worse and
-    is not counted, so an integral gain that is just accepted may still be too large.
+    With the time step h, semi-implicit Euler and implicit joint damping D, the loop M qdd = -kp q - (kd + D) qd is
+    stable where h^2 kp + 2 h (kd - D) < 4 M: M of the arm and the tray, without objects, which slide on it. Where the
+    base is free, M is what is left of the joints' inertia when the base gives way; MuJoCo's integrator for it makes kd
+    implicit too, so there the rule is stricter than the loop needs, which contacts of feet at long time steps do need.
+    With an integral gain the largest eigenvalue of a step of the loop says it: more inertia, of what is carried or of a
+    body over a standing foot, makes that worse and is not counted, so an integral gain that is just accepted may still
+    be too large.
     """
     data, h = mujoco.MjData(model), model.opt.timestep
     full, damping = np.zeros((model.nv, model.nv)), model.dof_damping[layout.dofs]
     implicit = model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    stiffness = h**2 * gains.kp / 4 + (0.0 if implicit else h * (gains.kd - damping) / 2)
-    braking = h * (gains.kd + damping) / 2 if implicit else np.zeros(len(names))
+    stiffness = np.diag(h**2 * gains.kp + 2 * h * (gains.kd - damping)) / 4
     worst, growing = np.zeros(len(names)), np.zeros(len(names))
     for qi in q:
         data.qpos[layout.joints] = qi
@@ -162,7 +162,7 @@ def require_stable(model: mujoco.MjModel, layout: JointLayout, gains: Gains, nam
         mujoco.mj_makeM(model, data)
         mujoco.mj_fullM(model, data, full)
         inertia = _inertia_of(full, layout.dofs)
-        values, vectors = eigh(np.diag(stiffness), inertia + np.diag(braking))
+        values, vectors = eigh(stiffness, inertia)
         if values[-1] > worst.max():
             worst = values[-1] * np.abs(vectors[:, -1]) / np.abs(vectors[:, -1]).max()
         if gains.ki.any() and not growing.any():

@@ -122,7 +122,7 @@ class _Campaign:
             raise ConfigError("found no objects; expected at least one that friction holds", key="objects")
         self.config = config
         self.settings = config.learning or LearningConfig()
-        self.learner = learner_of(self.settings, _cost(config, self.settings))
+        self.learner = learner_of(self.settings, cost_of(config, self.settings))
         self.executor, self.journal, self.progress = executor, journal, progress
         self.planner = Planner(config)
         self.state = replayed(self.learner, journal)
@@ -221,7 +221,7 @@ def made_again(planner: Planner, trial: Trial) -> PlanResult:
     return result
 
 
-def _cost(config: Config, settings: LearningConfig) -> Cost:
+def cost_of(config: Config, settings: LearningConfig) -> Cost:
     """f* of the learned parameters: the duration of their fastest plan, computed in batches and once each."""
     keys = [parameter.key for parameter in settings.parameters]
     batch = BatchPlanner(learned_from(config, keys))
