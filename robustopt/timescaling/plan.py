@@ -76,14 +76,15 @@ def controls_of(ds: Array, x: Array) -> Array:
     return np.asarray(timing(ds, x)[1])
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def timing(ds, x):  # type: ignore[no-untyped-def]
     """Duration and controls of a timing."""
     duration, u = 0.0, np.zeros(len(ds))
+    speed = np.sqrt(max(x[0], 0.0))
     for i in range(len(ds)):
+        before, speed = speed, np.sqrt(max(x[i + 1], 0.0))
         if ds[i] > 0.0:
-            moving = np.sqrt(max(x[i], 0.0)) + np.sqrt(max(x[i + 1], 0.0))
-            duration += 2.0 * ds[i] / moving if moving > 0.0 else np.inf
+            duration += 2.0 * ds[i] / (before + speed)
             u[i] = (x[i + 1] - x[i]) / (2.0 * ds[i])
     return duration, u
 

@@ -32,9 +32,9 @@ the 1e-4 to which the solvers are to agree."""
 def solve_reachability(problem: TimeScalingProblem) -> Plan:
     """Minimum-time plan of a problem, or the reason why there is none."""
     began = time.perf_counter()
-    if not problem.feasible.all():
-        return _stuck(problem, int(np.argmin(problem.feasible)), began)
-    x, u, duration, least, stuck = _timed_passes(problem.a, problem.b, problem.c, problem.x_max, problem.ds)
+    x, u, duration, least, stuck = _timed_passes(
+        problem.feasible, problem.a, problem.b, problem.c, problem.x_max, problem.ds
+    )
     if stuck >= 0:
         return _stuck(problem, stuck, began)
     gap = 1.0 - least / duration
@@ -45,18 +45,24 @@ def solve_reachability(problem: TimeScalingProblem) -> Plan:
         if after < duration:
             x, u, duration = better, controls_of(problem.ds, better), after
         gap = min(gap, 1.0 - (after - left) / duration)
-    if not np.isfinite(duration):
+    if duration == np.inf:
         return _stuck(problem, int(np.argmax((x[:-1] + x[1:] == 0.0) & (problem.ds > 0))), began)
     statistics = {"solver_seconds": time.perf_counter() - began, "optimality_gap": gap, "polished": float(polished)}
     return timed_plan(problem, x, u, duration, "reachability", statistics)
 
 
-@nb.njit(cache=True, nogil=True)
-def _timed_passes(a, b, c, x_max, ds):
-    """The timing of the forward pass, its controls and duration, the least duration by the bound, and where it ends."""
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _timed_passes(feasible, a, b, c, x_max, ds):
+    """The timing of the forward pass, its controls and duration, the least duration by the bound, and where it ends.
+
+    feasible: (P,) whether a grid point has any (u, x) at all
+    """
     x, bound, stuck = passes(a, b, c, x_max, ds)
+    for i in range(len(feasible) - 1, -1, -1):
+        stuck = stuck if feasible[i] else i
     duration, u = timing(ds, x)
-    return x, u, duration, timing(ds, bound)[0], stuck
+    least = timing(ds, bound)[0] if np.any(bound > x) else duration
+    return x, u, duration, least, stuck
 
 
 def _stuck(problem: TimeScalingProblem, point: int, began: float) -> Plan:
@@ -64,7 +70,7 @@ def _stuck(problem: TimeScalingProblem, point: int, began: float) -> Plan:
     return failed_plan(problem, Status.INFEASIBLE, "reachability", Status.INFEASIBLE.sentence, point, statistics)
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def _gather(a, b, c, i, step, A, B, C, m):
     """Append the rows of a grid point that are not padding, with u replaced by what it means `step` further on."""
     for k in range(a.shape[1]):
@@ -79,13 +85,14 @@ def _gather(a, b, c, i, step, A, B, C, m):
     return m
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def _extreme_x(A, B, C, m, x_max, sign, order):
     """Largest (sign 1) or smallest (sign -1) x in [0, x_max] with A u + B x + C <= 0 for some u; nan if there is none.
 
     Incremental linear programming in two variables (Seidel): a violated row moves the optimum onto its line. order:
     in which the rows are taken, without indices from m on; a violated one moves to the front, so that what binds at one
-    grid point comes first at the next, where it mostly binds too.
+    grid point comes first at the next, where it mostly binds too. Unsigned: then no index counts from the end, which
+    would take time to ask.
     """
     x = x_max if sign > 0 else 0.0
     u = 0.0
@@ -101,18 +108,18 @@ def _extreme_x(A, B, C, m, x_max, sign, order):
         u0, x0 = -A[i] * C[i] / norm, -B[i] * C[i] / norm
         du, dx = -B[i], A[i]
         low, high = -np.inf, np.inf
-        for k in range(-2, p):
-            if k == -2:
-                slope, rest = dx, x0 - x_max
-            elif k == -1:
-                slope, rest = -dx, -x0
-            else:
-                j = order[k]
-                if j >= m:
-                    continue
-                slope = A[j] * du + B[j] * dx
-                rest = A[j] * u0 + B[j] * x0 + C[j]
-            scale = 1e-13 * norm
+        scale = 1e-13 * norm
+        if abs(dx) > scale:
+            t0, t1 = -x0 / dx, (x_max - x0) / dx
+            low, high = min(t0, t1), max(t0, t1)
+        elif x0 < -FEASIBILITY or x0 - x_max > FEASIBILITY:
+            return np.nan
+        for k in range(p):
+            j = order[k]
+            if j >= m:
+                continue
+            slope = A[j] * du + B[j] * dx
+            rest = A[j] * u0 + B[j] * x0 + C[j]
             if slope > scale:
                 high = min(high, -rest / slope)
             elif slope < -scale:
@@ -135,7 +142,7 @@ def _extreme_x(A, B, C, m, x_max, sign, order):
     return min(max(x, 0.0), x_max)
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def _holds_at_rest(A, C, m):
     """Whether some u satisfies A u + C <= 0: then the smallest x is 0, nearly always."""
     above = 0
@@ -154,14 +161,14 @@ def _holds_at_rest(A, C, m):
     return low <= high
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def passes(a, b, c, x_max, ds):
     """Backward and forward pass. Returns x (P,), an upper bound of every feasible x (P,), and the grid point where no
     choice is left or the robot cannot move on, or -1."""
     P, m = a.shape
     low, high, x, bound = np.zeros(P), np.zeros(P), np.zeros(P), np.zeros(P)
     A, B, C = np.empty(2 * m + 4), np.empty(2 * m + 4), np.empty(2 * m + 4)
-    fast, slow = np.arange(2 * m + 2), np.arange(2 * m + 2)
+    fast, slow = np.arange(2 * m + 2, dtype=np.uint32), np.arange(2 * m + 2, dtype=np.uint32)
     high[P - 1] = x_max[P - 1]
     for i in range(P - 2, -1, -1):
         if ds[i] == 0.0:
@@ -183,27 +190,31 @@ def passes(a, b, c, x_max, ds):
             x[i + 1], bound[i + 1] = x[i], bound[i]
             continue
         step = 2.0 * ds[i]
-        n = _gather(a, b, c, i, 0.0, A, B, C, 0)
-        n = _gather(a, b, c, i + 1, step, A, B, C, n)
         u, decreasing = (high[i + 1] - x[i]) / step, False
-        for k in range(n):
-            if A[k] > 0.0:
-                rest = B[k] * x[i] + C[k]
-                if -rest < u * A[k]:
-                    u, decreasing = -rest / A[k], step * B[k] > A[k]
+        for k in range(m):
+            rest = b[i, k] * x[i] + c[i, k]
+            if a[i, k] > 0.0 and -rest < u * a[i, k]:
+                u, decreasing = -rest / a[i, k], step * b[i, k] > a[i, k]
+        for k in range(m):
+            slope = a[i + 1, k] + step * b[i + 1, k]
+            rest = b[i + 1, k] * x[i] + c[i + 1, k]
+            if slope > 0.0 and -rest < u * slope:
+                u, decreasing = -rest / slope, step * b[i + 1, k] > slope
         x[i + 1] = min(max(x[i] + step * u, low[i + 1]), high[i + 1])
         bound[i + 1] = x[i + 1]
         if decreasing or bound[i] > x[i]:
+            n = _gather(a, b, c, i, 0.0, A, B, C, 0)
+            n = _gather(a, b, c, i + 1, step, A, B, C, n)
             bound[i + 1] = _largest_next(A, B, C, n, step, low[i], bound[i], high[i + 1])
     return x, bound, -1
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def _largest_next(A, B, C, n, step, low, high, most):
     """Largest x + step u <= most with low <= x <= high and A u + B x + C <= 0: the rows in (u, x + step u)."""
     for k in range(n):
         A[k] -= step * B[k]
     A[n], B[n], C[n] = -step, 1.0, -high
     A[n + 1], B[n + 1], C[n + 1] = step, -1.0, low
-    largest = _extreme_x(A, B, C, n + 2, most, 1, np.arange(n + 2))
+    largest = _extreme_x(A, B, C, n + 2, most, 1, np.arange(n + 2, dtype=np.uint32))
     return most if np.isnan(largest) else largest
