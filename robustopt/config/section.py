@@ -48,9 +48,10 @@ class Pose(Section):
 class AccelerationError(Section):
     mean: Real | tuple[Real, ...] = Field(
         default=0.0,
-        description="mean U of the executed minus the planned joint acceleration, one value or one per joint [rad/s^2]",
+        description="mean U of the executed minus the planned joint acceleration, one value or one per joint "
+        "[rad/s^2 or m/s^2]",
     )
     deviation: NonNegative | tuple[NonNegative, ...] = Field(
-        default=0.0, description="standard deviation D of it, one value or one per joint [rad/s^2]"
+        default=0.0, description="standard deviation D of it, one value or one per joint [rad/s^2 or m/s^2]"
     )
-    K: NonNegative = Field(default=1.0, description="the plan survives every error in [U - K D, U + K D]")
+    K: NonNegative = Field(default=1.0, description="the plan survives every error between U - K D and U + K D")

@@ -66,7 +66,7 @@ def _beliefs(axis: Axes, records: Sequence[Record]) -> None:
         axis.set_ylabel("duration [s]")
     else:
         _mark(axis, records, [max(record["planned_half_width"], default=0.0) for record in records])
-        axis.set_ylabel("error interval, ± [rad/s²]")
+        axis.set_ylabel("error interval, ±\n[rad/s² or m/s²]")
 
 
 def _durations(axis: Axes, records: Sequence[Record]) -> None:

@@ -103,7 +103,7 @@ def _per_joint(name: str, given: float | tuple[float, ...], joints: int) -> Arra
     """One value for all joints, or one for each."""
     values = np.atleast_1d(np.asarray(given, dtype=float))
     if len(values) not in (1, joints):
-        found = f"found {len(values)} values; expected one, or one for each of the {joints} joints [rad/s^2]"
+        found = f"found {len(values)} values; expected one, or one for each of the {joints} joints [rad/s^2 or m/s^2]"
         raise ConfigError(found, f"uncertainty.joint_acceleration.{name}")
     return np.broadcast_to(values, (joints,)).copy()
 
