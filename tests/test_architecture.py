@@ -62,6 +62,7 @@ LAYERS = [
     ["interruption"],
     ["commands"],
     ["cli"],
+    ["__main__"],
 ]
 """The table of contents of the method: a module imports only from layers above its own, or from its own layer.
 

@@ -339,7 +339,7 @@ def test_an_interrupt_that_an_extension_module_turns_into_another_error_is_an_in
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["Ctrl-C", "terminate"])
 def test_ctrl_c_in_the_middle_leaves_nothing(tmp_path, number):
-    command = [sys.executable, "-m", "robustopt.cli", "plan", str(WAITER), "solver.collocation_points=5000"]
+    command = [sys.executable, "-m", "robustopt", "plan", str(WAITER), "solver.collocation_points=5000"]
     process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 60
     while not list(tmp_path.glob("results/*/.*")) and time.monotonic() < deadline:

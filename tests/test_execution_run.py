@@ -104,7 +104,7 @@ def test_a_video_is_a_film_and_a_strip_of_both_trials(tmp_path, stored):
     command = [
         sys.executable,
         "-m",
-        "robustopt.cli",
+        "robustopt",
         "execute",
         str(stored),
         "--trials",

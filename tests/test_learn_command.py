@@ -55,7 +55,7 @@ def same(a: Path, b: Path) -> bool:
 
 def begun(*arguments: str) -> list[str]:
     """A command of another process."""
-    return [sys.executable, "-m", "robustopt.cli", *arguments]
+    return [sys.executable, "-m", "robustopt", *arguments]
 
 
 def learned_so_far(folder: Path) -> int:

@@ -33,7 +33,7 @@ def config_file(tmp_path) -> Path:
 
 def learn(folder: Path, answers: str, *arguments: str) -> subprocess.CompletedProcess[str]:
     """In a process of its own."""
-    command = [sys.executable, "-m", "robustopt.cli", "learn", *arguments, "--no-figures"]
+    command = [sys.executable, "-m", "robustopt", "learn", *arguments, "--no-figures"]
     return subprocess.run(command, cwd=folder, input=answers, capture_output=True, text=True)
 
 
