@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from robustopt import __version__, cli
+from robustopt import __version__
 from robustopt.config import load_config
 from robustopt.errors import RobustOptError
 from robustopt.interruption import interruptions, on_interrupt
@@ -20,20 +20,6 @@ from robustopt.runs.store import read_summary
 ROOT = Path(__file__).parents[1]
 WAITER = ROOT / "configs" / "waiter_two_blocks.yaml"
 SMALL = ["solver.collocation_points=90", "--no-figures"]
-
-
-@pytest.fixture
-def run(tmp_path, monkeypatch, capsys):
-    """Runs a command in an empty folder: exit code, standard output, standard error; never a traceback."""
-    monkeypatch.chdir(tmp_path)
-
-    def call(*arguments: object) -> tuple[int, str, str]:
-        code = cli.run([str(argument) for argument in arguments])
-        out, err = capsys.readouterr()
-        assert "Traceback" not in out + err
-        return code, out, err
-
-    return call
 
 
 @pytest.fixture(autouse=True)

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from learning_tasks import remember_plans, task
 
-from robustopt import cli, report
+from robustopt import report
 from robustopt.config import dump, load_config
 from robustopt.errors import RunFolderError, SolverFailed
 from robustopt.execution import Status
@@ -26,19 +26,11 @@ TABLES = ("iterations.csv", "executions.csv", "plan.csv")
 
 
 @pytest.fixture
-def run(tmp_path, monkeypatch, capsys):
-    """Runs a command in a folder with `task.yaml`: exit code, standard output, standard error; never a traceback."""
-    monkeypatch.chdir(tmp_path)
+def run(run, tmp_path, monkeypatch):
+    """Runs a command in a folder with `task.yaml`."""
     remember_plans(monkeypatch)
     (tmp_path / "task.yaml").write_text(dump(task("bisection", trials=5)))
-
-    def call(*arguments: object) -> tuple[int, str, str]:
-        code = cli.run([str(argument) for argument in arguments])
-        out, err = capsys.readouterr()
-        assert "Traceback" not in out + err
-        return code, out, err
-
-    return call
+    return run
 
 
 LEARN = ("learn", "task.yaml", "--no-figures")

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 from scipy.optimize import linprog
+from walkers import believing, walker_of
 
 from robustopt.batch import BatchPlanner, with_beliefs
 from robustopt.certificate import certify
@@ -22,10 +23,9 @@ from robustopt.execution.execute import prepare
 from robustopt.execution.trace import trace
 from robustopt.path.walking_path import WalkingPath
 from robustopt.plotting import figures, house_style, write_execution_figures
-from robustopt.problem import TimeScalingProblem, build_problem, build_rows
+from robustopt.problem import TimeScalingProblem, build_problem
 from robustopt.problem.walking import StandingTorque
 from robustopt.robot.model_file import MODELS
-from robustopt.robot.walker import Walker
 from robustopt.timescaling import Plan, solve
 
 CONFIGS = Path(__file__).parent.parent / "configs"
@@ -53,15 +53,6 @@ def plan(problem: TimeScalingProblem) -> Plan:
 def fine() -> Plan:
     """A plan on a grid that is fine enough to be executed."""
     return solve(build_problem(configured("solver.collocation_points=120")))
-
-
-def walker_of(problem: TimeScalingProblem) -> Walker:
-    assert isinstance(problem.robot, Walker)
-    return problem.robot
-
-
-def believing(problem: TimeScalingProblem, values: dict[str, Any]) -> TimeScalingProblem:
-    return build_rows(with_values(problem.config, values), problem.robot, problem.path)
 
 
 def on_feet(mu: float) -> dict[str, Any]:

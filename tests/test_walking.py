@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 import pytest
 from scipy.optimize import linprog
+from walkers import believing, walker_of
 
 from robustopt.batch import BatchPlanner, with_beliefs
 from robustopt.certificate import certify
@@ -23,11 +24,10 @@ from robustopt.learning.learner import Belief
 from robustopt.path.footsteps import footsteps
 from robustopt.path.walking_path import WalkingPath
 from robustopt.plotting import figures, house_style
-from robustopt.problem import TimeScalingProblem, build_problem, build_rows
+from robustopt.problem import TimeScalingProblem, build_problem
 from robustopt.problem.rows import evaluate
 from robustopt.problem.walking import StandingTorque
 from robustopt.robot.model_file import MODELS
-from robustopt.robot.walker import Walker
 from robustopt.runs.beliefs import Planner
 from robustopt.runs.beliefs import believing as believing_config
 from robustopt.timescaling import Plan, Status, solve
@@ -37,10 +37,6 @@ from robustopt.trajectory import Trajectory
 
 CONFIG = Path(__file__).parent.parent / "configs" / "humanoid_step.yaml"
 BASE = 6
-N = 33
-"""Coordinates of the shipped humanoid: six of its base, 27 joints."""
-N = 33
-"""Coordinates of the shipped humanoid: six of its base, 27 joints."""
 N = 33
 """Coordinates of the shipped humanoid: six of its base, 27 joints."""
 
@@ -59,11 +55,6 @@ def plan(problem: TimeScalingProblem) -> Plan:
     return solve(problem)
 
 
-def walker_of(problem: TimeScalingProblem) -> Walker:
-    assert isinstance(problem.robot, Walker)
-    return problem.robot
-
-
 def path_of(problem: TimeScalingProblem) -> WalkingPath:
     assert isinstance(problem.path, WalkingPath)
     return problem.path
@@ -72,10 +63,6 @@ def path_of(problem: TimeScalingProblem) -> WalkingPath:
 def torque_of(problem: TimeScalingProblem) -> StandingTorque:
     assert isinstance(problem.limits.torque, StandingTorque)
     return problem.limits.torque
-
-
-def believing(problem: TimeScalingProblem, values: dict[str, Any]) -> TimeScalingProblem:
-    return build_rows(with_values(problem.config, values), problem.robot, problem.path)
 
 
 def duration(problem: TimeScalingProblem, values: dict[str, Any]) -> float:

@@ -105,8 +105,8 @@ COLUMNS = (
 LEGEND = (
     "Rslt: S success, F failure, ? undecided, - hardly faster than the best and so not executed; Spdup: the same path "
     "faster; upp, low: interval of mu after it; +-err: widest interval of the acceleration error that was planned for "
-    "[rad/s^2 or m/s^2]; S/n: successes of executions; luck: probability that a plan which failed meets the success rate in "
-    "question all the same; fresh: successes of fresh executions."
+    "[rad/s^2 or m/s^2]; S/n: successes of executions; luck: probability that a plan which failed meets the success "
+    "rate in question all the same; fresh: successes of fresh executions."
 )
 
 

@@ -1,0 +1,19 @@
+"""Problems of robots on their feet, for the tests."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from robustopt.config import with_values
+from robustopt.problem import TimeScalingProblem, build_rows
+from robustopt.robot.walker import Walker
+
+
+def walker_of(problem: TimeScalingProblem) -> Walker:
+    assert isinstance(problem.robot, Walker)
+    return problem.robot
+
+
+def believing(problem: TimeScalingProblem, values: dict[str, Any]) -> TimeScalingProblem:
+    """The problem with other values of its configuration, along the same path."""
+    return build_rows(with_values(problem.config, values), problem.robot, problem.path)
