@@ -22,8 +22,9 @@ from timing import interleaved, machine_facts
 from robustopt.config import load_config
 from robustopt.execution import execute
 from robustopt.execution.controller import gains_of, reference
-from robustopt.execution.monte_carlo import CHUNK, Job, cores, run_trials, simulate_trials
+from robustopt.execution.monte_carlo import CHUNK, Job, run_trials, simulate_trials
 from robustopt.execution.simulation import CONTROL, Workspace
+from robustopt.processes import cores
 from robustopt.timescaling import Plan, solve
 from robustopt.trajectory import Trajectory
 

@@ -178,7 +178,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Learners of several parameters on the waiter and the humanoid.")
     parser.add_argument("--methods", nargs="*", default=list(contenders()))
     parser.add_argument("--quick", action="store_true", help="the waiter alone, coarse, one run of each method")
-    parser.add_argument("--workers", type=int, default=1, help="threads that plan")
+    parser.add_argument("--workers", type=int, default=1, help="processes that plan")
     parser.add_argument("--resume", action="store_true", help="keep the runs that learners_real.csv holds")
     parser.add_argument("--out", type=Path, default=ROOT / "results" / "benchmarks")
     arguments = parser.parse_args()

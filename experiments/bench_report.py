@@ -155,7 +155,7 @@ def _plan_goals(records: Sequence[Record]) -> Iterator[Goal]:
     every = select(records, "batch", settings=1000)
     cores = max((int(r["workers"]) for r in every), default=1)
     seconds = [float(r["seconds"]) for r in every if r["workers"] == cores]
-    yield _goal(f"1,000 settings of two blocks, N = 200, {cores} threads, slowest kind [s]", 2, seconds, ".2f")
+    yield _goal(f"1,000 settings of two blocks, N = 200, {cores} processes, slowest kind [s]", 2, seconds, ".2f")
     for points, limit in ((200, 2), (2000, 20)):
         seconds = [float(r["seconds"]) for r in select(records, "paper's split", N=points)]
         yield _goal(f"ipopt with inner programs, N = {points} [s]", limit, seconds, ".2f")
@@ -212,7 +212,7 @@ def _command_line(records: Sequence[Record]) -> Table:
 
 def _batches(records: Sequence[Record]) -> Table:
     columns = (
-        Column("uncertainty", "beliefs"), Column("settings", "settings"), Column("workers", "threads"),
+        Column("uncertainty", "beliefs"), Column("settings", "settings"), Column("workers", "processes"),
         Column("seconds", "time [s]", ".2f"), Column("lower_quartile", "lower quartile", ".2f"),
         Column("upper_quartile", "upper quartile", ".2f"),
     )  # fmt: skip

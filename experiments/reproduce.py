@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
 from robustopt.errors import RobustOptError
-from robustopt.execution.monte_carlo import cores
+from robustopt.processes import cores
 
 PAPER = ("durations", "table_1", "table_2", "figure_3", "table_3", "table_4", "figure_8")
 BEYOND = ("table_2_truths", "table_2_K", "table_2_calibrated")

@@ -110,7 +110,7 @@ class _Walk:
         new = beliefs[len(known) :]
         self.place.say(f"scan, {len(new)} plans")
         keys = [key for key, _ in beliefs[0].parameters]
-        durations = BatchPlanner(learned_from(self.planner.config, keys)).durations(_settings(new))
+        durations = BatchPlanner(learned_from(self.planner.config, keys), self.place.workers).durations(_settings(new))
         for belief, duration in zip(new, durations, strict=True):
             known.append((belief, float(duration) if np.isfinite(duration) else None))
             self.journal.add_plan(*known[-1])

@@ -1,26 +1,28 @@
 """Plans of one task for many settings of what is believed: friction, masses, centres of mass, errors.
 
 Robot, path and their dynamics are shared; what a setting changes is computed anew, by the functions that plan a single
-task, on all cores: the compiled kernels run without Python's lock. So a plan of a batch is the plan of its setting bit
-for bit, whatever the number of workers.
+task. So a plan of a batch is the plan of its setting bit for bit. Where only durations are asked for, and the work is
+worth it, several processes share it: the result does not depend on their number.
 """
 
 from __future__ import annotations
 
 import difflib
-import os
-from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from functools import cached_property
+import pickle
+import time
+from collections.abc import Mapping, Sequence
+from functools import cached_property, lru_cache
+from math import ceil
 from typing import Any
 
 import numpy as np
 
 from robustopt.config import Config, with_values
 from robustopt.config.document import Key, split_key
-from robustopt.errors import ConfigError
+from robustopt.errors import ConfigError, SolverFailed
 from robustopt.problem import TimeScalingProblem, rows_along, track_of
 from robustopt.problem.track import Track
+from robustopt.processes import cores, in_processes
 from robustopt.timescaling import Plan, solve
 
 Array = np.ndarray
@@ -44,6 +46,15 @@ BELIEFS = (
 )
 """Keys, or sections of keys, that may differ between the settings of a batch: they concern neither robot nor path."""
 
+ALONE = 0.3
+"""How long one process plans before it asks what is left [s]."""
+
+WORTHWHILE = 2.0
+"""Work for which other processes are started, which takes about as long [s]."""
+
+PARTS = 8
+"""Parts of the work for each process, so that none waits long for the others."""
+
 PER_NAME = ("contact.friction", "uncertainty.friction", "uncertainty.contact_points")
 """Keys with one value for all objects or feet, or one per name."""
 
@@ -51,13 +62,13 @@ PER_NAME = ("contact.friction", "uncertainty.friction", "uncertainty.contact_poi
 class BatchPlanner:
     """Fastest plans of a configuration for any number of settings of its beliefs, by `reachability`.
 
-    Raises ConfigError, RobotError or PathError where the configuration cannot be used. workers: threads, by default
-    one for each core.
+    Raises ConfigError, RobotError or PathError where the configuration cannot be used. workers: processes that
+    durations may be shared among, by default one for each core.
     """
 
     def __init__(self, config: Config, workers: int | None = None) -> None:
         self.config = config
-        self.workers = workers or _cores()
+        self.workers = min(workers or cores(), cores())
         self._durations: dict[tuple[Any, ...], float] = {}
 
     @cached_property
@@ -77,11 +88,24 @@ class BatchPlanner:
 
     def plan_durations(self, settings: Sequence[Setting]) -> Array:
         """The same, computed anew."""
-        return np.array(self._each(settings, self._duration))
+        found = [self._plan(setting).duration for setting in settings[:1]]  # this makes what all plans share
+        began = time.perf_counter()
+        for count, setting in enumerate(settings[1:], 1):
+            found.append(self._plan(setting).duration)
+            spent, left = time.perf_counter() - began, len(settings) - len(found)
+            if self.workers > 1 and spent > ALONE and left * spent / count > WORTHWHILE:
+                return np.array(found + self._durations_by_processes(settings[-left:]))
+        return np.array(found)
+
+    def _durations_by_processes(self, settings: Sequence[Setting]) -> list[float]:
+        size = ceil(len(settings) / (PARTS * self.workers))
+        task = pickle.dumps(self.config)
+        parts = [(task, list(settings[i : i + size])) for i in range(0, len(settings), size)]
+        return [duration for part in in_processes(_durations, parts, self.workers, SolverFailed) for duration in part]
 
     def plans(self, settings: Sequence[Setting]) -> list[Plan]:
         """The plan of each setting: what `solve(build_problem(config), "reachability")` gives for it."""
-        return self._each(settings, self._plan)
+        return [self._plan(setting) for setting in settings]
 
     def problem(self, setting: Setting) -> TimeScalingProblem:
         """The problem of a setting."""
@@ -90,31 +114,22 @@ class BatchPlanner:
     def _plan(self, setting: Setting) -> Plan:
         return solve(self.problem(setting), "reachability")
 
-    def _duration(self, setting: Setting) -> float:
-        return self._plan(setting).duration
 
-    def _each(self, settings: Iterable[Setting], call: Any) -> list[Any]:
-        """The results of a call, in order; the first one alone, so that what all share is there."""
-        if not (all_settings := list(settings)):
-            return []
-        first, *rest = all_settings
-        results = [call(first)]
-        if not rest:
-            return results
-        if self.workers == 1 or any(family.system.facets is None for family in self.problem(first).limits.contacts):
-            return results + [call(setting) for setting in rest]  # inner programs keep Python's lock
-        with ThreadPoolExecutor(self.workers) as pool:
-            return results + list(pool.map(call, rest))
+def _durations(task: bytes, settings: Sequence[Setting]) -> list[float]:
+    """What a worker process does. task: a pickled configuration"""
+    planner = _planner_of(task)
+    return [planner._plan(setting).duration for setting in settings]
 
 
-def _cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+@lru_cache(maxsize=1)
+def _planner_of(task: bytes) -> BatchPlanner:
+    """The planner of a worker process, kept from part to part of the same task."""
+    return BatchPlanner(pickle.loads(task), workers=1)
 
 
-def solve_batch(config: Config, settings: Sequence[Setting], workers: int | None = None) -> list[Plan]:
+def solve_batch(config: Config, settings: Sequence[Setting]) -> list[Plan]:
     """The fastest plan of a configuration for each setting of its beliefs, by `reachability`."""
-    return BatchPlanner(config, workers).plans(settings)
+    return BatchPlanner(config).plans(settings)
 
 
 def with_beliefs(config: Config, setting: Setting) -> Config:

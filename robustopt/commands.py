@@ -165,11 +165,10 @@ def _run_learner(config: Config, folder: Path, options: LearningOptions) -> dict
         manual = journal.executor == MANUAL
         with learning_table(silent or manual) as progress:
             from robustopt.runs.campaign import learn as run_learner
-            from robustopt.runs.executors import Simulated
             from robustopt.runs.manual import Manual
 
-            executor = Manual(folder, ask, say) if manual else Simulated(config, options.workers)
-            learned = run_learner(config, executor, journal=journal, progress=progress)
+            executor = Manual(folder, ask, say) if manual else None
+            learned = run_learner(config, executor, journal=journal, workers=options.workers, progress=progress)
             stop_if_interrupted()
         from robustopt.runs.learning_run import complete, result_of, write_learning_files, writing
 

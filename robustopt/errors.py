@@ -51,6 +51,10 @@ class ConfigError(RobustOptError):
         self.problems = tuple(problems)
         super().__init__("\n".join(str(problem) for problem in self.problems))
 
+    def __reduce__(self) -> tuple[type[ConfigError], tuple[tuple[ConfigProblem, ...]]]:
+        """What another process needs to raise it here with all its problems."""
+        return type(self), (self.problems,)
+
 
 class RobotError(ConfigError):
     """The robot's model file, its tool or its limits cannot be used."""

@@ -11,6 +11,7 @@ PACKAGE = Path(__file__).parent.parent / "robustopt"
 
 LAYERS = [
     ["errors", "models", "tasks"],
+    ["processes"],
     ["config/document", "config/section"],
     ["config/execution_model", "config/learning_model"],
     ["config/model"],

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import robustopt as ro
+from robustopt import batch
 from robustopt.batch import BatchPlanner, with_beliefs
 from robustopt.config import Config, load_config, with_values
 from robustopt.errors import ConfigError
@@ -54,7 +55,7 @@ def single(config: Config, setting: dict[str, Any]) -> Plan:
 @pytest.mark.parametrize("name", sorted(SETTINGS))
 def test_plans_of_a_batch_are_the_single_plans_bit_for_bit(name: str) -> None:
     config, settings = config_of(name), SETTINGS[name]
-    for plan, setting in zip(ro.solve_batch(config, settings, workers=2), settings, strict=True):
+    for plan, setting in zip(ro.solve_batch(config, settings), settings, strict=True):
         alone = single(config, setting)
         assert plan.status is alone.status
         assert plan.duration == alone.duration
@@ -78,12 +79,30 @@ def test_the_beliefs_are_those_of_the_configuration_written_out() -> None:
         assert with_beliefs(config, {key: value}) == with_values(config, written)
 
 
-def test_the_number_of_workers_and_the_order_do_not_matter() -> None:
+def test_the_order_of_the_settings_does_not_matter() -> None:
     config, rng = config_of("waiter_two_blocks"), np.random.default_rng(0)
     settings = [{"contact.friction": mu, HEIGHT: h} for mu, h in rng.uniform([0.1, -0.02], [1.0, 0.02], (24, 2))]
-    first = BatchPlanner(config, workers=1).durations(settings)
-    second = BatchPlanner(config, workers=3).durations(settings[::-1])[::-1]
+    first = BatchPlanner(config).durations(settings)
+    second = BatchPlanner(config).durations(settings[::-1])[::-1]
     assert first.tobytes() == second.tobytes()
+
+
+def test_processes_plan_what_one_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same bits; and what is wrong with a setting is said as it is here."""
+    monkeypatch.setattr(batch, "ALONE", 0.0)
+    monkeypatch.setattr(batch, "WORTHWHILE", 0.0)
+    monkeypatch.setattr(batch, "cores", lambda: 2)
+    config, rng = config_of("waiter_two_blocks"), np.random.default_rng(1)
+    settings = [{"contact.friction": mu, HEIGHT: h} for mu, h in rng.uniform([0.1, -0.02], [1.0, 0.02], (40, 2))]
+    alone, shared = BatchPlanner(config, workers=1), BatchPlanner(config, workers=2)
+    by_processes: list[int] = []
+    share = shared._durations_by_processes
+    monkeypatch.setattr(shared, "_durations_by_processes", lambda rest: by_processes.append(len(rest)) or share(rest))
+    assert shared.durations(settings).tobytes() == alone.durations(settings).tobytes()
+    assert by_processes == [38]
+    with pytest.raises(ConfigError, match="found -1") as error:
+        shared.durations([*settings[:3], {"contact.friction": -1.0}])
+    assert [problem.key for problem in error.value.problems] == ["contact.friction"]
 
 
 def test_what_is_worse_for_the_robot_never_shortens_the_plan() -> None:

@@ -10,6 +10,7 @@ import pytest
 from scenes import BOX, FLAT, G, plan_of, scene, waiter
 from scipy.stats import binom
 
+from robustopt import processes
 from robustopt.confidence import clopper_pearson
 from robustopt.config import DisturbanceConfig, ExecutionConfig, TruthConfig, with_values
 from robustopt.errors import ConfigError, ProblemInfeasible, SimulationFailed
@@ -28,12 +29,13 @@ from robustopt.execution.controller import (
 from robustopt.execution.disturbance import FORCE, WORLD, forces, generator
 from robustopt.execution.execute import Executions
 from robustopt.execution.feedback import acceleration_error, feedback_of, with_errors
-from robustopt.execution.monte_carlo import Job, cores, is_random, run_all, run_trials, share_cores, simulate_trials
+from robustopt.execution.monte_carlo import Job, is_random, run_all, run_trials, share_cores, simulate_trials
 from robustopt.execution.outcome import TrialOutcome
 from robustopt.execution.simulation import Workspace
 from robustopt.execution.trace import trace
 from robustopt.execution.truth import believed_world, true_world, varies
 from robustopt.learning.moments import Moments
+from robustopt.processes import cores
 from robustopt.trajectory import Trajectory
 
 FOLLOW = {"controller": {"feedforward": "computed_torque"}}
@@ -435,7 +437,7 @@ def test_a_worker_that_dies_loses_no_trial_and_changes_no_number(slide, tmp_path
 def test_workers_that_die_again_and_again_are_an_error(slide, monkeypatch):
     monkeypatch.setattr(monte_carlo, "cores", lambda: 2)
     monkeypatch.setattr(monte_carlo, "run_trials", _always_dies)
-    monkeypatch.setattr(monte_carlo, "RETRIES", 1)
+    monkeypatch.setattr(processes, "RETRIES", 1)
     with pytest.raises(SimulationFailed, match="Worker processes died 2 times"):
         run_all(_job(slide), range(30), Workers(2), None)
 

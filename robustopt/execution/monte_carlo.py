@@ -5,8 +5,6 @@ A chunk is reduced to its outcomes before the next one starts, so memory does no
 
 from __future__ import annotations
 
-import gc
-import os
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -23,14 +21,12 @@ from robustopt.execution.outcome import TrialOutcome, diverged, judge
 from robustopt.execution.scenes import Scene, scene_of
 from robustopt.execution.simulation import Record, Workspace, joint_positions, simulate
 from robustopt.execution.truth import World, true_world, varies
+from robustopt.processes import cores, in_processes
 
 Array = np.ndarray
 
 CHUNK = 25
 """Trials in one batch: enough to keep the threads busy, few enough for some 150 MB of records."""
-
-RETRIES = 3
-"""How often the chunks of a worker that died are given to new workers."""
 
 CONNECT = 10
 """How long a Dask scheduler and its workers are waited for [s]."""
@@ -128,11 +124,6 @@ def tracking_error(job: Job, prepared: Prepared, record: Record, i: int) -> Arra
 # Chunks over processes ------------------------------------------------------------------------------------
 
 
-def cores() -> int:
-    """Processor cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 def share_cores(workers: int) -> tuple[int, int]:
     """Processes and threads of each, together never more than there are cores."""
     processes = max(1, min(workers, cores()))
@@ -164,8 +155,11 @@ def run_all(
     outcomes: list[TrialOutcome] = []
     if workers.scheduler is not None:
         results = _on_cluster(job, chunks, workers.scheduler)
+    elif processes > 1:
+        tasks = [(job, chunk, threads) for chunk in chunks]
+        results = in_processes(run_trials, tasks, processes, SimulationFailed)
     else:
-        results = _in_processes(job, chunks, processes, threads) if processes > 1 else _here(job, chunks, threads)
+        results = _here(job, chunks, threads)
     try:
         for chunk in results:
             outcomes += chunk
@@ -201,40 +195,6 @@ def _here(job: Job, chunks: Sequence[Sequence[int]], threads: int) -> Generator[
     workspace = Workspace()
     for chunk in chunks:
         yield run_trials(job, chunk, threads, workspace)
-
-
-def _in_processes(
-    job: Job, chunks: Sequence[Sequence[int]], processes: int, threads: int
-) -> Generator[list[TrialOutcome], None, None]:
-    """Chunks in their order; those of a worker that died are run again by new workers."""
-    from joblib import Parallel, delayed
-    from joblib.externals.loky.process_executor import TerminatedWorkerError
-
-    done = 0
-    for attempt in range(RETRIES + 1):
-        parallel: Any = Parallel(n_jobs=processes, return_as="generator", pre_dispatch=processes)
-        try:
-            for outcomes in parallel(delayed(run_trials)(job, chunk, threads) for chunk in chunks[done:]):
-                done += 1
-                yield outcomes
-            return
-        except TerminatedWorkerError as error:
-            if attempt == RETRIES:
-                raise SimulationFailed(
-                    f"Worker processes died {attempt + 1} times, for instance because the memory ran out; "
-                    f"{done} of {len(chunks)} chunks of trials were done. Fewer workers need less memory."
-                ) from error
-        except (GeneratorExit, KeyboardInterrupt):
-            _end_processes()
-            raise
-
-
-def _end_processes() -> None:
-    """End the worker processes of joblib and free their locks, which would else be reported as leaks at the exit."""
-    from joblib.externals.loky import get_reusable_executor
-
-    get_reusable_executor(reuse=True).shutdown(wait=True, kill_workers=True)
-    gc.collect()
 
 
 def _on_cluster(job: Job, chunks: Sequence[Sequence[int]], scheduler: str) -> Generator[list[TrialOutcome], None, None]:

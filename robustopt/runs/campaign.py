@@ -101,7 +101,7 @@ def learn(
         config: the task; its `learning` section names the learner, its `execution` section the simulated world.
         executor: what runs the plans, instead of the simulation.
         journal: what happened before, and where what happens is written; without it nothing is kept.
-        workers: processes that the simulation may use.
+        workers: processes that plan and simulate.
         progress: called with what is known so far, whenever that is more than before.
 
     Raises:
@@ -110,19 +110,21 @@ def learn(
         RunFolderError: the journal is of another task, or cannot be written.
         KeyboardInterrupt: interrupted; the journal has all that happened before.
     """
-    campaign = _Campaign(config, executor or Simulated(config, workers), journal or Journal.in_memory(), progress)
-    return campaign.run()
+    executor, journal = executor or Simulated(config, workers), journal or Journal.in_memory()
+    return _Campaign(config, executor, journal, workers, progress).run()
 
 
 class _Campaign:
     """A learner at work."""
 
-    def __init__(self, config: Config, executor: Executor, journal: Journal, progress: Progress | None) -> None:
+    def __init__(
+        self, config: Config, executor: Executor, journal: Journal, workers: int, progress: Progress | None
+    ) -> None:
         if not config.interfaces:
             raise ConfigError("found no objects; expected at least one that friction holds", key="objects")
         self.config = config
         self.settings = config.learning or LearningConfig()
-        self.learner = learner_of(self.settings, cost_of(config, self.settings))
+        self.learner = learner_of(self.settings, cost_of(config, self.settings, workers))
         self.executor, self.journal, self.progress = executor, journal, progress
         self.planner = Planner(config)
         self.state = replayed(self.learner, journal)
@@ -221,10 +223,13 @@ def made_again(planner: Planner, trial: Trial) -> PlanResult:
     return result
 
 
-def cost_of(config: Config, settings: LearningConfig) -> Cost:
-    """f* of the learned parameters: the duration of their fastest plan, computed in batches and once each."""
+def cost_of(config: Config, settings: LearningConfig, workers: int = 1) -> Cost:
+    """f* of the learned parameters: the duration of their fastest plan, computed in batches and once each.
+
+    workers: processes
+    """
     keys = [parameter.key for parameter in settings.parameters]
-    batch = BatchPlanner(learned_from(config, keys))
+    batch = BatchPlanner(learned_from(config, keys), workers)
 
     def cost(values: Array) -> Array:
         return batch.durations([dict(zip(keys, row, strict=True)) for row in values.tolist()])

@@ -7,8 +7,9 @@ from typing import Protocol
 
 from robustopt.config import Config
 from robustopt.execution import TrialOutcome, Workers, execute
-from robustopt.execution.monte_carlo import CHUNK, cores, is_random
+from robustopt.execution.monte_carlo import CHUNK, is_random
 from robustopt.learning.moments import Moments
+from robustopt.processes import cores
 from robustopt.runs.experiment import PlanResult
 from robustopt.runs.journal import Execution
 
