@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from robustopt.config import Config
 from robustopt.errors import RobotError
+from robustopt.path.collision import CollisionCheck
 from robustopt.robot import Robot, load_robot
 from robustopt.robot.model_file import load_model, resolve_package
 
@@ -328,6 +329,23 @@ def test_missing_limits_are_named_with_their_joints_all_at_once() -> None:
     assert "velocity limit for slide;" in velocity
     assert "acceleration limit for hinge, slide;" in acceleration
     assert "`robot.limits.all: {acceleration: ...}`" in acceleration
+
+
+FLAGS = '<option><flag gravity="disable" contact="disable" constraint="disable" spring="disable"/></option>'
+
+
+def test_flags_of_the_file_change_neither_dynamics_nor_collisions(tmp_path: Path) -> None:
+    text = (FIXTURES / "double_pendulum.xml").read_text(encoding="utf-8")
+    (tmp_path / "arm.xml").write_text(text.replace("<worldbody>", FLAGS + "<worldbody>", 1), encoding="utf-8")
+    plain, flagged = load(PENDULUM), load(PENDULUM | {"model": str(tmp_path / "arm.xml")})
+    q = np.array([[0.3, -0.4]])
+    zero = np.zeros_like(q)
+    assert np.abs(plain.dynamics(q, zero, zero).tau_0).min() > 0.1
+    assert np.array_equal(plain.dynamics(q, zero, zero).tau_0, flagged.dynamics(q, zero, zero).tau_0)
+    obstacle = '<worldbody><geom type="box" pos="0 0 0" size="9 9 9"/>'
+    (tmp_path / "arm.xml").write_text(text.replace("<worldbody>", FLAGS + obstacle, 1), encoding="utf-8")
+    config = make_config(PENDULUM | {"model": str(tmp_path / "arm.xml")})
+    assert CollisionCheck(config, load_robot(config)).first(q) is not None
 
 
 def bad(robot: dict[str, Any], **more: Any) -> str:
