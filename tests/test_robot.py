@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -346,6 +347,20 @@ def test_flags_of_the_file_change_neither_dynamics_nor_collisions(tmp_path: Path
     (tmp_path / "arm.xml").write_text(text.replace("<worldbody>", FLAGS + obstacle, 1), encoding="utf-8")
     config = make_config(PENDULUM | {"model": str(tmp_path / "arm.xml")})
     assert CollisionCheck(config, load_robot(config)).first(q) is not None
+
+
+def test_joints_without_a_name_get_one(tmp_path: Path) -> None:
+    text = (FIXTURES / "double_pendulum.xml").read_text(encoding="utf-8")
+    text = text.replace('joint name="shoulder"', "joint")
+    text = re.sub(r'<body name="\w+"', "<body", text)
+    (tmp_path / "arm.xml").write_text(text, encoding="utf-8")
+    robot = {"model": str(tmp_path / "arm.xml"), "tool": "tip"}
+    assert load(robot).joint_names == ("joint_1", "elbow")
+    assert load(robot | {"limits": {"joint_1": {"torque": 1.25}}}).limits.torque[0] == 1.25
+    config = make_config(robot | {"locked": {"joint_1": 0.3}})
+    found, plain = load_robot(config), load(PENDULUM | {"locked": {"shoulder": 0.3}})
+    q = np.array([[0.2]])
+    assert np.allclose(found.tray_pose(q)[0], plain.tray_pose(q)[0])
 
 
 def bad(robot: dict[str, Any], **more: Any) -> str:

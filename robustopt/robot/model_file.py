@@ -10,6 +10,7 @@ import os
 import site
 import sys
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 
 import mujoco
@@ -129,8 +130,8 @@ def pose_quaternion(pose: Pose) -> np.ndarray:
 def read_model(file: Path) -> tuple[mujoco.MjSpec, UrdfLimits, tuple[str, ...]]:
     """The specification in a file, what MuJoCo does not keep of a URDF, and notes on what was left out.
 
-    Options, flags and settings of the compiler that the file sets for the whole model, of which the robot is a part
-    only, are undone.
+    Joints, bodies and tendons without a name get one. Options, flags and settings of the compiler that the file sets
+    for the whole model, of which the robot is a part only, are undone.
     """
     limits = UrdfLimits()
     notes: tuple[str, ...] = ()
@@ -145,8 +146,18 @@ def read_model(file: Path) -> tuple[mujoco.MjSpec, UrdfLimits, tuple[str, ...]]:
     spec.compiler.fusestatic = spec.compiler.alignfree = False
     spec.option.disableflags = spec.option.enableflags = 0
     spec.option.density = spec.option.viscosity = 0.0
+    _name_all(spec)
     _keep_masses(spec, file)
     return spec, limits, notes
+
+
+def _name_all(spec: mujoco.MjSpec) -> None:
+    """Names such as `joint_1` for what has none: a file need not name its joints, but limits and messages do."""
+    for kind, items in (("joint", spec.joints), ("body", spec.bodies[1:]), ("tendon", spec.tendons)):
+        taken = {item.name for item in items}
+        free = (name for i in count(1) if (name := f"{kind}_{i}") not in taken)
+        for item in items:
+            item.name = item.name or next(free)
 
 
 def _keep_masses(spec: mujoco.MjSpec, file: Path) -> None:
