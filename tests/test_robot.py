@@ -277,7 +277,7 @@ def test_limits_come_from_the_file_and_the_configuration_overrides_them() -> Non
     limits = load(PENDULUM).limits
     np.testing.assert_array_equal(limits.velocity, [5, 6])
     np.testing.assert_array_equal(limits.acceleration, [50, 60])
-    np.testing.assert_array_equal(limits.torque, [20, 10])  # the elbow's from its motor: gear 5, force 2
+    np.testing.assert_array_equal(limits.torque, [20, 5])  # the elbow's from its motor: gear 5, control 1, force 2
     np.testing.assert_array_equal(limits.dry_friction, [0.3, 0.1])
     changes = {"all": {"velocity": 1.0, "viscous_friction": 0.0}, "elbow": {"velocity": 2.0, "position": [-0.5, 0.5]}}
     changed = load(PENDULUM | {"limits": changes}).limits
@@ -287,6 +287,25 @@ def test_limits_come_from_the_file_and_the_configuration_overrides_them() -> Non
     np.testing.assert_array_equal(changed.upper, [3, 0.5])
     with pytest.raises(ValueError, match="read-only"):
         limits.torque[0] = 1e9
+
+
+@pytest.mark.parametrize(
+    ("actuator", "torque"),
+    [
+        ('<motor joint="elbow" gear="5" ctrlrange="-3 3" forcerange="-2 2"/>', 10.0),
+        ('<motor joint="elbow" gear="-5" ctrlrange="-3 3"/>', 15.0),
+        ('<general joint="elbow" gear="5" gainprm="4" ctrlrange="-3 2"/>', 40.0),
+        ('<position joint="elbow" kp="100" ctrlrange="-1 1" forcerange="-7 7"/>', 7.0),
+        ('<motor joint="elbow" ctrlrange="-3 3"/><motor joint="shoulder" ctrlrange="-9 9"/>', 3.0),
+    ],
+)
+def test_a_torque_limit_is_what_the_actuator_can_give(tmp_path: Path, actuator: str, torque: float) -> None:
+    text = (FIXTURES / "double_pendulum.xml").read_text(encoding="utf-8")
+    text = re.sub("<actuator>.*</actuator>", f"<actuator>{actuator}</actuator>", text)
+    (tmp_path / "arm.xml").write_text(text, encoding="utf-8")
+    limits = load(PENDULUM | {"model": str(tmp_path / "arm.xml")}).limits.torque
+    assert limits[1] == pytest.approx(torque)
+    assert limits[0] == (9.0 if "shoulder" in actuator else 20.0)
 
 
 def test_joint_friction_can_be_left_out() -> None:
