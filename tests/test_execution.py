@@ -31,6 +31,7 @@ from robustopt.execution.execute import Executions
 from robustopt.execution.feedback import acceleration_error, feedback_of, with_errors
 from robustopt.execution.monte_carlo import Job, cores, is_random, run_all, run_trials, share_cores, simulate_trials
 from robustopt.execution.outcome import TrialOutcome
+from robustopt.execution.scene import SceneBuilder
 from robustopt.execution.simulation import Workspace
 from robustopt.execution.trace import trace
 from robustopt.execution.truth import believed_world, true_world, varies
@@ -187,6 +188,23 @@ def test_settings_of_a_robots_file_do_not_reach_what_it_carries(setting, tmp_pat
     assert other.torque == pytest.approx(plain.torque, rel=1e-6)
     for name, body in plain.objects.items():
         assert other.objects[name].slip == pytest.approx(body.slip, abs=1e-6)
+
+
+@pytest.mark.parametrize("unit", ["degree", "radian"])
+def test_the_world_has_the_joint_limits_of_the_plan(unit, tmp_path):
+    """The file's limits are softened by a margin, and the configuration's are wider."""
+    text = (FIXTURES / "turntable.xml").read_text(encoding="utf-8").replace('angle="radian"', f'angle="{unit}"')
+    span = np.degrees([-0.5, 0.5]) if unit == "degree" else [-0.5, 0.5]
+    joint = f'axis="0 0 1" range="{span[0]} {span[1]}" margin="0.2"'
+    (tmp_path / "table.xml").write_text(text.replace('axis="0 0 1"', joint), encoding="utf-8")
+    for limit, length in (None, 0.45), ([-1.0, 1.0], 0.95):
+        limits = {"limits": {"turn": {"position": limit}}} if limit else {}
+        robot = {"model": str(tmp_path / "table.xml")} | limits
+        config = scene(objects={"box": FLAT}, robot_keys=robot, length=length, execution=FOLLOW)
+        (outcome,) = execute(config, plan_of(config), trials=1).outcomes
+        assert outcome.tracking_error < 1e-3
+        model = SceneBuilder(config, Gains(*np.ones((3, 1)), POSITION_VELOCITY), 0.001).rigid()
+        assert model.jnt_range[0] == pytest.approx(limit or [-0.5, 0.5])
 
 
 # What a trial depends on ----------------------------------------------------------------------------------

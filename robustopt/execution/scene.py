@@ -195,6 +195,9 @@ class SceneBuilder:
             joint = spec.joint(name)
             joint.actfrclimited, joint.actfrcrange = True, [-limits.torque[i], limits.torque[i]]
             joint.actgravcomp = True
+            unit = np.pi / 180 if spec.compiler.degree and self.robot.hinges[i] else 1.0
+            joint.range, joint.margin = np.array([limits.lower[i], limits.upper[i]]) / unit, 0.0
+            joint.limited = bool(np.isfinite(joint.range).all())
             joint.frictionloss = limits.dry_friction[i]
             joint.damping = _first(joint.damping, limits.viscous_friction[i])
             actuator = spec.add_actuator(
