@@ -96,6 +96,7 @@ def test_sliding(mu: float, acceleration: float) -> None:
         assert certificate.worst.limit == "slip of box on tray"
         assert certificate.worst.parameters["friction"] == {"box on tray": mu}
         assert "fails its certificate" in certificate.sentence
+        assert "collocation_points" not in certificate.sentence
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.3, np.pi / 4, 2.0])
@@ -493,6 +494,7 @@ def test_between_grid_points_one_per_cent_is_forgiven(excess: float, passes: boo
     plan = timing(config, BumpPath(5.0 * (1 + excess)), np.array([2.5, 2.5, 0.0, -2.5, -2.5]))
     certificate = certify(config, plan)
     assert certificate.margins["x acceleration"].between == pytest.approx(-excess, abs=1e-12)
+    assert ("try more solver.collocation_points than" in certificate.sentence) == (not passes)
     assert certificate.margins["x acceleration"].on_grid > 0.5
     assert certificate.passed is passes
     if excess > 0:

@@ -3,11 +3,12 @@
 import os
 from dataclasses import asdict, replace
 from functools import partial
+from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
-from scenes import BOX, FLAT, G, plan_of, scene, waiter
+from scenes import BOX, FIXTURES, FLAT, G, plan_of, scene, waiter
 from scipy.stats import binom
 
 from robustopt import processes
@@ -31,6 +32,7 @@ from robustopt.execution.execute import Executions
 from robustopt.execution.feedback import acceleration_error, feedback_of, with_errors
 from robustopt.execution.monte_carlo import Job, is_random, run_all, run_trials, share_cores, simulate_trials
 from robustopt.execution.outcome import TrialOutcome
+from robustopt.execution.scene import SceneBuilder
 from robustopt.execution.simulation import Workspace
 from robustopt.execution.trace import trace
 from robustopt.execution.truth import believed_world, true_world, varies
@@ -38,6 +40,7 @@ from robustopt.learning.moments import Moments
 from robustopt.processes import cores
 from robustopt.trajectory import Trajectory
 
+CAN = {"shape": "cylinder", "radius": 0.05, "height": 0.1, "mass": 0.3, "at": [0.0, 0.2]}
 FOLLOW = {"controller": {"feedforward": "computed_torque"}}
 
 
@@ -143,6 +146,67 @@ def test_success_is_monotone_in_speed(name):
     rates = [execute(config, plan, trials=10, speed=speed).success_rate for speed in np.linspace(0.7, 1.3, 10)]
     assert rates == sorted(rates, reverse=True)
     assert (rates[0], rates[-1]) == (1.0, 0.0)
+
+
+SETTINGS = {
+    "masses from shapes": '<compiler angle="radian" inertiafromgeom="true"/>',
+    "lower bounds of masses": '<compiler angle="radian" boundmass="1.5" boundinertia="0.01"/>',
+    "frames in centres of mass": '<compiler angle="radian" alignfree="true"/>',
+    "water": '<option density="1000" viscosity="0.1" wind="1 0 0"/>',
+    "geoms": '<default><geom margin="0.02" pos="0.1 0 0" type="capsule" condim="6" friction="2 1 1"/></default>',
+    "pairs": '<default><pair margin="0.02" solreffriction="0.5 1"/></default>',
+    "motors": '<default><motor ctrlrange="-1 1" gear="50"/></default>',
+    "servos": '<default><position kp="300" forcerange="-1 1" ctrlrange="-0.1 0.1"/></default>',
+    "actuators": '<default><general dyntype="integrator" actrange="-1 1" actearly="true"/></default>',
+}
+"""What a robot's file may say of all that it has, and would say of tray, objects and drives as well."""
+
+
+def like_the_slide(folder: Path, setting: str) -> Path:
+    """The slide of the fixtures with a setting, the tool in a body of a default class of its own."""
+    text = (FIXTURES / "slide.xml").read_text(encoding="utf-8")
+    text = text.replace("<worldbody>", setting + "<worldbody>").replace(
+        '<site name="tool"/>', '<site name="tool" pos="0 0 0"/>'
+    )
+    inertial = '<geom type="box" pos="0 0 0" size="0.1 0.1 0.1" mass="2"/>'
+    file = folder / "slide.xml"
+    file.write_text(
+        text.replace('<inertial pos="0 0 0" mass="2" diaginertia="0.1 0.1 0.1"/>', inertial), encoding="utf-8"
+    )
+    return file
+
+
+@pytest.mark.parametrize("setting", SETTINGS)
+def test_settings_of_a_robots_file_do_not_reach_what_it_carries(setting, tmp_path):
+    bodies = {"box": FLAT | {"center_of_mass": [0.03, 0.02, 0.0]}, "can": CAN}
+    outcomes = []
+    for text in ("", SETTINGS[setting]):
+        robot = {"model": str(like_the_slide(tmp_path, text)), "collision": {"check": True}}
+        truth = {"friction": 0.55}
+        config = scene(objects=bodies, robot_keys=robot, contact={"friction": 0.5}, execution=FOLLOW | {"truth": truth})
+        outcomes += execute(config, plan_of(config), trials=1).outcomes
+    plain, other = outcomes
+    assert plain.success
+    assert other.torque == pytest.approx(plain.torque, rel=1e-6)
+    for name, body in plain.objects.items():
+        assert other.objects[name].slip == pytest.approx(body.slip, abs=1e-6)
+
+
+@pytest.mark.parametrize("unit", ["degree", "radian"])
+def test_the_world_has_the_joint_limits_of_the_plan(unit, tmp_path):
+    """The file's limits are softened by a margin, and the configuration's are wider."""
+    text = (FIXTURES / "turntable.xml").read_text(encoding="utf-8").replace('angle="radian"', f'angle="{unit}"')
+    span = np.degrees([-0.5, 0.5]) if unit == "degree" else [-0.5, 0.5]
+    joint = f'axis="0 0 1" range="{span[0]} {span[1]}" margin="0.2"'
+    (tmp_path / "table.xml").write_text(text.replace('axis="0 0 1"', joint), encoding="utf-8")
+    for limit, length in (None, 0.45), ([-1.0, 1.0], 0.95):
+        limits = {"limits": {"turn": {"position": limit}}} if limit else {}
+        robot = {"model": str(tmp_path / "table.xml")} | limits
+        config = scene(objects={"box": FLAT}, robot_keys=robot, length=length, execution=FOLLOW)
+        (outcome,) = execute(config, plan_of(config), trials=1).outcomes
+        assert outcome.tracking_error < 1e-3
+        model = SceneBuilder(config, Gains(*np.ones((3, 1)), POSITION_VELOCITY), 0.001).rigid()
+        assert model.jnt_range[0] == pytest.approx(limit or [-0.5, 0.5])
 
 
 # What a trial depends on ----------------------------------------------------------------------------------

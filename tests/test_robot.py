@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from robustopt.config import Config
 from robustopt.errors import RobotError
+from robustopt.path.collision import CollisionCheck
 from robustopt.robot import Robot, load_robot
 from robustopt.robot.model_file import load_model, resolve_package
 
@@ -275,7 +277,7 @@ def test_limits_come_from_the_file_and_the_configuration_overrides_them() -> Non
     limits = load(PENDULUM).limits
     np.testing.assert_array_equal(limits.velocity, [5, 6])
     np.testing.assert_array_equal(limits.acceleration, [50, 60])
-    np.testing.assert_array_equal(limits.torque, [20, 10])  # the elbow's from its motor: gear 5, force 2
+    np.testing.assert_array_equal(limits.torque, [20, 5])  # the elbow's from its motor: gear 5, control 1, force 2
     np.testing.assert_array_equal(limits.dry_friction, [0.3, 0.1])
     changes = {"all": {"velocity": 1.0, "viscous_friction": 0.0}, "elbow": {"velocity": 2.0, "position": [-0.5, 0.5]}}
     changed = load(PENDULUM | {"limits": changes}).limits
@@ -285,6 +287,25 @@ def test_limits_come_from_the_file_and_the_configuration_overrides_them() -> Non
     np.testing.assert_array_equal(changed.upper, [3, 0.5])
     with pytest.raises(ValueError, match="read-only"):
         limits.torque[0] = 1e9
+
+
+@pytest.mark.parametrize(
+    ("actuator", "torque"),
+    [
+        ('<motor joint="elbow" gear="5" ctrlrange="-3 3" forcerange="-2 2"/>', 10.0),
+        ('<motor joint="elbow" gear="-5" ctrlrange="-3 3"/>', 15.0),
+        ('<general joint="elbow" gear="5" gainprm="4" ctrlrange="-3 2"/>', 40.0),
+        ('<position joint="elbow" kp="100" ctrlrange="-1 1" forcerange="-7 7"/>', 7.0),
+        ('<motor joint="elbow" ctrlrange="-3 3"/><motor joint="shoulder" ctrlrange="-9 9"/>', 3.0),
+    ],
+)
+def test_a_torque_limit_is_what_the_actuator_can_give(tmp_path: Path, actuator: str, torque: float) -> None:
+    text = (FIXTURES / "double_pendulum.xml").read_text(encoding="utf-8")
+    text = re.sub("<actuator>.*</actuator>", f"<actuator>{actuator}</actuator>", text)
+    (tmp_path / "arm.xml").write_text(text, encoding="utf-8")
+    limits = load(PENDULUM | {"model": str(tmp_path / "arm.xml")}).limits.torque
+    assert limits[1] == pytest.approx(torque)
+    assert limits[0] == (9.0 if "shoulder" in actuator else 20.0)
 
 
 def test_joint_friction_can_be_left_out() -> None:
@@ -328,6 +349,37 @@ def test_missing_limits_are_named_with_their_joints_all_at_once() -> None:
     assert "velocity limit for slide;" in velocity
     assert "acceleration limit for hinge, slide;" in acceleration
     assert "`robot.limits.all: {acceleration: ...}`" in acceleration
+
+
+FLAGS = '<option><flag gravity="disable" contact="disable" constraint="disable" spring="disable"/></option>'
+
+
+def test_flags_of_the_file_change_neither_dynamics_nor_collisions(tmp_path: Path) -> None:
+    text = (FIXTURES / "double_pendulum.xml").read_text(encoding="utf-8")
+    (tmp_path / "arm.xml").write_text(text.replace("<worldbody>", FLAGS + "<worldbody>", 1), encoding="utf-8")
+    plain, flagged = load(PENDULUM), load(PENDULUM | {"model": str(tmp_path / "arm.xml")})
+    q = np.array([[0.3, -0.4]])
+    zero = np.zeros_like(q)
+    assert np.abs(plain.dynamics(q, zero, zero).tau_0).min() > 0.1
+    assert np.array_equal(plain.dynamics(q, zero, zero).tau_0, flagged.dynamics(q, zero, zero).tau_0)
+    obstacle = '<worldbody><geom type="box" pos="0 0 0" size="9 9 9"/>'
+    (tmp_path / "arm.xml").write_text(text.replace("<worldbody>", FLAGS + obstacle, 1), encoding="utf-8")
+    config = make_config(PENDULUM | {"model": str(tmp_path / "arm.xml")})
+    assert CollisionCheck(config, load_robot(config)).first(q) is not None
+
+
+def test_joints_without_a_name_get_one(tmp_path: Path) -> None:
+    text = (FIXTURES / "double_pendulum.xml").read_text(encoding="utf-8")
+    text = text.replace('joint name="shoulder"', "joint")
+    text = re.sub(r'<body name="\w+"', "<body", text)
+    (tmp_path / "arm.xml").write_text(text, encoding="utf-8")
+    robot = {"model": str(tmp_path / "arm.xml"), "tool": "tip"}
+    assert load(robot).joint_names == ("joint_1", "elbow")
+    assert load(robot | {"limits": {"joint_1": {"torque": 1.25}}}).limits.torque[0] == 1.25
+    config = make_config(robot | {"locked": {"joint_1": 0.3}})
+    found, plain = load_robot(config), load(PENDULUM | {"locked": {"shoulder": 0.3}})
+    q = np.array([[0.2]])
+    assert np.allclose(found.tray_pose(q)[0], plain.tray_pose(q)[0])
 
 
 def bad(robot: dict[str, Any], **more: Any) -> str:

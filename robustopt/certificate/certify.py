@@ -124,12 +124,15 @@ class Certificate:
 
     @property
     def sentence(self) -> str:
-        """The result in one or two sentences."""
+        """The result in a few sentences, with advice where solvers cannot do better on their grid."""
         verdict = "passes" if self.passed else "fails"
         effort = f"{self.level}: {self.draws} draws, {self.tests} tests"
         if self.intervals_checked < self.intervals:
             effort += f", {self.intervals_checked} of {self.intervals} intervals"
-        return f"The plan {verdict} its certificate ({effort}). {self.worst}."
+        advice = ""
+        if not self.passed and not self.worst.on_grid:
+            advice = f" The grid is too coarse there: try more solver.collocation_points than {self.intervals}."
+        return f"The plan {verdict} its certificate ({effort}). {self.worst}.{advice}"
 
 
 def certify(config: Config, plan: Plan, level: str = "quick", seed: int = 0) -> Certificate:

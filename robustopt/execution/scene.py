@@ -23,7 +23,7 @@ from robustopt.execution.outcome import Criterion, Motion, motion_of_object, obj
 from robustopt.execution.simulation import Record, joint_velocities
 from robustopt.execution.truth import TrueBody, World, believed_world
 from robustopt.robot import Robot, load_robot
-from robustopt.robot.model_file import TRAY_SITE
+from robustopt.robot.model_file import TRAY_SITE, USUAL
 
 Array = np.ndarray
 
@@ -195,9 +195,14 @@ class SceneBuilder:
             joint = spec.joint(name)
             joint.actfrclimited, joint.actfrcrange = True, [-limits.torque[i], limits.torque[i]]
             joint.actgravcomp = True
+            unit = np.pi / 180 if spec.compiler.degree and self.robot.hinges[i] else 1.0
+            joint.range, joint.margin = np.array([limits.lower[i], limits.upper[i]]) / unit, 0.0
+            joint.limited = bool(np.isfinite(joint.range).all())
             joint.frictionloss = limits.dry_friction[i]
             joint.damping = _first(joint.damping, limits.viscous_friction[i])
-            actuator = spec.add_actuator(name=PREFIX + name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+            actuator = spec.add_actuator(
+                USUAL.default, name=PREFIX + name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT
+            )
             actuator.set_to_pid(kp=gains.kp[i], kv=gains.kd[i], ki=gains.ki[i], ctrlspec=gains.inputs)
         return spec
 
@@ -237,6 +242,7 @@ class SceneBuilder:
             other = _top(lower) if resting and self._stands_within(upper, lower) else PREFIX + lower
             for one in ones:
                 spec.add_pair(
+                    USUAL.default,
                     geomname1=one,
                     geomname2=other,
                     condim=3,
@@ -280,7 +286,7 @@ class SceneBuilder:
         return found
 
 
-_PASSIVE = {"contype": 0, "conaffinity": 0}
+_PASSIVE = {"default": USUAL.default, "contype": 0, "conaffinity": 0}
 _HIDDEN = (0.0, 0.0, 0.0, 0.0)
 _SKY = (0.93, 0.95, 0.97)
 _COLOURS = ((0.85, 0.45, 0.25), (0.25, 0.5, 0.85), (0.35, 0.65, 0.35), (0.8, 0.7, 0.3))

@@ -24,7 +24,7 @@ from robustopt.execution.scene import PREFIX, View, add_sky, compiled, set_inert
 from robustopt.execution.simulation import Record, joint_velocities
 from robustopt.execution.truth import TrueBody, World, believed_friction
 from robustopt.path.footsteps import Place, footsteps
-from robustopt.robot.model_file import model_file, read_model
+from robustopt.robot.model_file import USUAL, model_file, read_model
 from robustopt.robot.walker import Walker, load_walker
 
 Array = np.ndarray
@@ -167,7 +167,6 @@ class WalkerScene:
 
     def _with_controller(self, config: Config, gains: Gains, timestep: float) -> mujoco.MjSpec:
         spec, _, _ = read_model(model_file(config))
-        spec.compiler.fusestatic = False
         for item in [*spec.actuators, *spec.sensors, *spec.keys]:
             spec.delete(item)
         _set_options(spec, timestep)
@@ -175,7 +174,9 @@ class WalkerScene:
         for i, name in enumerate(self.joint_names):
             joint, limit = spec.joint(name), self.torque_limit[i]
             joint.actfrclimited, joint.actfrcrange = bool(np.isfinite(limit)), [-limit, limit]
-            actuator = spec.add_actuator(name=PREFIX + name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+            actuator = spec.add_actuator(
+                USUAL.default, name=PREFIX + name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT
+            )
             actuator.set_to_pid(kp=gains.kp[i], kv=gains.kd[i], ki=gains.ki[i], ctrlspec=gains.inputs)
         spec.worldbody.add_geom(
             name=FLOOR, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 0.05], contype=1, conaffinity=1 | FALLEN,

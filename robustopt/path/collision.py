@@ -17,7 +17,7 @@ from robustopt.config.geometry import placements
 from robustopt.errors import ConfigProblem, RobotError
 from robustopt.path.inverse_kinematics import spread
 from robustopt.robot import Robot
-from robustopt.robot.model_file import TRAY_SITE
+from robustopt.robot.model_file import TRAY_SITE, USUAL
 
 TOUCH = 1e-4
 """Overlap that counts as touching [m]: rounding and the tolerance of the path, well below any collision of interest."""
@@ -117,7 +117,7 @@ def _with_load(config: Config, robot: Robot) -> mujoco.MjModel:
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_FILTERPARENT)
     site = spec.site(TRAY_SITE)
     tray = site.parent.add_body(name=f"{PREFIX}tray", pos=site.pos, quat=site.quat)
-    solid = {"contype": EVERYTHING, "conaffinity": EVERYTHING}
+    solid = {"default": USUAL.default, "contype": EVERYTHING, "conaffinity": EVERYTHING}
     tray.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=np.array(config.carried_tray.size) / 2, **solid)
     for name, placement in placements(config).items():
         shape = config.objects[name]

@@ -7,9 +7,11 @@ Where they are read from:
 | position | joint `range` | `limit lower upper` |
 | velocity | `<custom><numeric name="velocity_limit">`, one value per joint in their order | `limit velocity` |
 | acceleration | `<custom><numeric name="acceleration_limit">`, likewise | nowhere |
-| torque | joint `actuatorfrcrange`, else gear times the force range of the joint's only actuator | `limit effort` |
+| torque | joint `actuatorfrcrange`, gear times the force range of its only actuator | `limit effort` |
 | dry friction | joint `frictionloss` | `dynamics friction` |
 | viscous friction | joint `damping` | `dynamics damping` |
+
+Where a file bounds a torque twice, the smaller bound holds. The control range of a motor bounds its force.
 """
 
 from __future__ import annotations
@@ -95,21 +97,31 @@ def _numeric(robot: RobotModel, numeric: str, urdf: Mapping[str, float]) -> np.n
 
 
 def _torque(model: mujoco.MjModel) -> np.ndarray:
-    """Torque limits: `actuatorfrcrange` of the joint, or else the force range of the one actuator that drives it."""
+    """Torque limits: the smaller of `actuatorfrcrange` of the joint and what its only actuator can give."""
     limits = np.full(model.njnt, np.nan)
+    on_joint = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
     for joint in range(model.njnt):
-        if model.jnt_actfrclimited[joint]:
-            limits[joint] = _symmetric(model.jnt_actfrcrange[joint])
-            continue
-        driving = [
-            actuator
-            for actuator in range(model.nactuator)
-            if model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT
-            and model.actuator_trnid[actuator, 0] == joint
-        ]
-        if len(driving) == 1 and model.actuator_forcelimited[driving[0]]:
-            limits[joint] = abs(model.actuator_gear[driving[0], 0]) * _symmetric(model.actuator_forcerange[driving[0]])
-    return np.where(limits > 0, limits, np.nan)
+        ranges = [_symmetric(model.jnt_actfrcrange[joint])] if model.jnt_actfrclimited[joint] else []
+        driving = np.flatnonzero(on_joint & (model.actuator_trnid[:, 0] == joint))
+        if len(driving) == 1:
+            gear = abs(model.actuator_gear[driving[0], 0])
+            ranges += [gear * force for force in _largest_forces(model, int(driving[0]))]
+        limits[joint] = min((limit for limit in ranges if limit > 0), default=np.nan)
+    return limits
+
+
+def _largest_forces(model: mujoco.MjModel, actuator: int) -> list[float]:
+    """What bounds the force of an actuator: its force range, and the range of its control where that is the force
+    times a gain, as it is of a motor."""
+    forces = [_symmetric(model.actuator_forcerange[actuator])] if model.actuator_forcelimited[actuator] else []
+    is_motor = (
+        model.actuator_dyntype[actuator] == mujoco.mjtDyn.mjDYN_NONE
+        and model.actuator_gaintype[actuator] == mujoco.mjtGain.mjGAIN_FIXED
+        and model.actuator_biastype[actuator] == mujoco.mjtBias.mjBIAS_NONE
+    )
+    if is_motor and model.actuator_ctrllimited[actuator]:
+        forces.append(abs(model.actuator_gainprm[actuator, 0]) * _symmetric(model.actuator_ctrlrange[actuator]))
+    return forces
 
 
 def _symmetric(limits: np.ndarray) -> float:

@@ -10,6 +10,7 @@ import os
 import site
 import sys
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 
 import mujoco
@@ -22,6 +23,13 @@ from robustopt.models import MODELS
 from robustopt.robot.urdf import UrdfLimits, is_urdf, read_urdf
 
 TRAY_SITE = "robustopt_tray"
+
+USUAL = mujoco.MjSpec()
+"""MuJoCo's own settings. What is added to a robot is made with `USUAL.default`, else it would take the defaults of the
+robot's file: margins of its geoms, force ranges of its actuators, and so on."""
+
+MASS_OPTIONS = ("inertiafromgeom", "settotalmass", "boundmass", "boundinertia", "balanceinertia")
+"""Options of MuJoCo's compiler that change the masses of all bodies, also of those that are added to the model."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +98,6 @@ def load_model(config: Config) -> RobotModel:
     """The robot of the configuration: base placed, locked joints fixed, tray site attached to the tool."""
     file = model_file(config)
     spec, limits, notes = read_model(file)
-    spec.compiler.fusestatic = False
     for key in list(spec.keys):
         spec.delete(key)
     original = compile_spec(spec, file)
@@ -121,14 +128,51 @@ def pose_quaternion(pose: Pose) -> np.ndarray:
 
 
 def read_model(file: Path) -> tuple[mujoco.MjSpec, UrdfLimits, tuple[str, ...]]:
-    """The specification in a file, what MuJoCo does not keep of a URDF, and notes on what was left out."""
+    """The specification in a file, what MuJoCo does not keep of a URDF, and notes on what was left out.
+
+    Joints, bodies and tendons without a name get one. Options, flags and settings of the compiler that the file sets
+    for the whole model, of which the robot is a part only, are undone.
+    """
+    limits = UrdfLimits()
+    notes: tuple[str, ...] = ()
     try:
         if is_urdf(file):
             text, limits, notes = read_urdf(file, resolve_package)
-            return mujoco.MjSpec.from_string(text), limits, notes
-        return mujoco.MjSpec.from_file(str(file)), UrdfLimits(), ()
+            spec = mujoco.MjSpec.from_string(text)
+        else:
+            spec = mujoco.MjSpec.from_file(str(file))
     except (ValueError, OSError) as error:
         raise RobotError(f"{file}: not a model that MuJoCo can read: {_one_line(error)}", key="robot.model") from error
+    spec.compiler.fusestatic = spec.compiler.alignfree = False
+    spec.option.disableflags = spec.option.enableflags = 0
+    spec.option.density = spec.option.viscosity = 0.0
+    _name_all(spec)
+    _keep_masses(spec, file)
+    return spec, limits, notes
+
+
+def _name_all(spec: mujoco.MjSpec) -> None:
+    """Names such as `joint_1` for what has none: a file need not name its joints, but limits and messages do."""
+    for kind, items in (("joint", spec.joints), ("body", spec.bodies[1:]), ("tendon", spec.tendons)):
+        taken = {item.name for item in items}
+        free = (name for i in count(1) if (name := f"{kind}_{i}") not in taken)
+        for item in items:
+            item.name = item.name or next(free)
+
+
+def _keep_masses(spec: mujoco.MjSpec, file: Path) -> None:
+    """Give every body the mass that the compiler options of the file make of it, and undo these options."""
+    compiler, usual = spec.compiler, USUAL.compiler
+    if all(getattr(compiler, name) == getattr(usual, name) for name in MASS_OPTIONS):
+        return
+    model = compile_spec(spec, file)
+    for name in MASS_OPTIONS:
+        setattr(compiler, name, getattr(usual, name))
+    for body in spec.bodies[1:]:
+        body.explicitinertial, body.mass = True, model.body_mass[body.id]
+        body.ipos, body.iquat = model.body_ipos[body.id], model.body_iquat[body.id]
+        body.inertia, body.fullinertia = model.body_inertia[body.id], np.full(6, np.nan)
+        body.ialt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
 
 
 def _one_line(error: Exception) -> str:
@@ -245,4 +289,4 @@ def _attach_tray(spec: mujoco.MjSpec, original: mujoco.MjModel, config: Config, 
         tool_rotation = Rotation.from_quat(original.site(tool).quat, scalar_first=True)
     rotation = tool_rotation * Rotation.from_quat(pose_quaternion(config.carried_tray.pose), scalar_first=True)
     position = tool_position + tool_rotation.apply(config.carried_tray.pose.position)
-    body.add_site(name=TRAY_SITE, pos=position, quat=rotation.as_quat(scalar_first=True))
+    body.add_site(USUAL.default, name=TRAY_SITE, pos=position, quat=rotation.as_quat(scalar_first=True))

@@ -21,7 +21,7 @@ from robustopt.config.geometry import rail_box
 from robustopt.errors import RobotError
 from robustopt.robot import Links
 from robustopt.robot.joint_limits import JointLimits, joint_limits
-from robustopt.robot.model_file import compile_spec, joint_names
+from robustopt.robot.model_file import USUAL, compile_spec, joint_names
 from robustopt.robot.walker_model import Sole, load_walker_model
 
 Array = np.ndarray
@@ -255,7 +255,9 @@ class Walker(Links):
         allowed = {0, hand, int(self._model.body_parentid[hand])}
         spec, quaternion, (middle, axes, half) = self.spec.copy(), np.zeros(4), rail_box(rail)
         mujoco.mju_mat2Quat(quaternion, axes.ravel())
-        spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, name=RAIL, size=half, pos=middle, quat=quaternion)
+        spec.worldbody.add_geom(
+            USUAL.default, type=mujoco.mjtGeom.mjGEOM_BOX, name=RAIL, size=half, pos=middle, quat=quaternion
+        )
         model = spec.compile()
         data, bar = mujoco.MjData(model), model.geom(RAIL).id
         near = model.geom_rbound + model.geom_rbound[bar]

@@ -14,7 +14,7 @@ import numpy as np
 from robustopt.config import FEET, Config
 from robustopt.config.geometry import rectangle
 from robustopt.errors import RobotError
-from robustopt.robot.model_file import RobotModel, compile_spec, model_file, read_model
+from robustopt.robot.model_file import USUAL, RobotModel, compile_spec, model_file, read_model
 
 BASE_JOINTS = ("base_x", "base_y", "base_z", "base_yaw", "base_pitch", "base_roll")
 """Coordinates of the floating base in their order: position in the world, then turns about z, y and x."""
@@ -35,7 +35,6 @@ def load_walker_model(config: Config) -> tuple[RobotModel, np.ndarray, dict[str,
     """
     file = model_file(config)
     spec, limits, notes = read_model(file)
-    spec.compiler.fusestatic = False
     original = compile_spec(spec, file)
     free = np.flatnonzero(original.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
     if list(free) != [0]:
@@ -108,6 +107,6 @@ def _replace_free_joint(spec: mujoco.MjSpec, original: mujoco.MjModel) -> None:
     kinds = [(slide, axes[0]), (slide, axes[1]), (slide, axes[2]), (hinge, axes[2]), (hinge, axes[1]), (hinge, axes[0])]
     for joint, (kind, axis) in zip(BASE_JOINTS, kinds, strict=True):
         body.add_joint(
-            name=joint, type=kind, axis=axis, armature=0.0, damping=0.0, frictionloss=0.0, stiffness=0.0,
+            USUAL.default, name=joint, type=kind, axis=axis, armature=0.0, damping=0.0, frictionloss=0.0, stiffness=0.0,
             limited=mujoco.mjtLimited.mjLIMITED_FALSE,
         )  # fmt: skip
