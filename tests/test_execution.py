@@ -1,6 +1,7 @@
 """Executions: outcomes against closed forms, what a trial depends on, and what bad input is answered with."""
 
 import os
+import sys
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -640,6 +641,16 @@ def test_keys_that_do_not_fit_the_robot_are_refused(execution, message):
     config, plan = on_a_slide(FLAT, 0.5, **execution)
     with pytest.raises(ConfigError, match=message):
         execute(config, plan, trials=1)
+
+
+def test_a_motion_of_too_many_time_steps_is_refused(monkeypatch):
+    monkeypatch.setattr(sys.modules["robustopt.execution.execute"], "MOST_STEPS", 1000)
+    config, plan = on_a_slide(FLAT, 0.5)
+    with pytest.raises(
+        ConfigError, match=r"the motion of 1 s takes \d,\d+ steps; expected at most 1,000 steps"
+    ) as error:
+        execute(config, plan, trials=1)
+    assert error.value.problems[0].key == "execution.timestep"
 
 
 def test_gains_come_from_the_configuration_the_model_or_the_inertia():

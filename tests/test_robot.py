@@ -400,11 +400,27 @@ def world(text: str) -> str:
     return f"<mujoco><worldbody><body>{text}</body></worldbody></mujoco>"
 
 
+def test_what_tendons_do_and_no_plan_knows_is_noted(tmp_path: Path) -> None:
+    tendons = "<tendon>{}</tendon>"
+    joint = "<joint joint='elbow' coef='1'/>"
+    for made, noted in (
+        (f"<fixed name='cable' range='-0.2 0.2'>{joint}</fixed>", ["cable"]),
+        (f"<fixed name='spring' stiffness='3'>{joint}</fixed><fixed damping='1'>{joint}</fixed>", ["tendon_1"]),
+        (f"<fixed name='spring' stiffness='3'>{joint}</fixed>", []),
+    ):
+        text = (FIXTURES / "double_pendulum.xml").read_text().replace("</mujoco>", tendons.format(made) + "</mujoco>")
+        (tmp_path / "arm.xml").write_text(text)
+        notes = load(PENDULUM | {"model": "arm.xml"}, folder=tmp_path).notes
+        assert [note.rpartition(": ")[2] for note in notes] == noted
+
+
 @pytest.mark.parametrize(
     ("name", "text", "complaint"),
     [
         ("broken.xml", "<mujoco><worldbody>", "not a model that MuJoCo can read: "),
         ("broken.urdf", "<robot name='x'><link>", "not well-formed XML: "),
+        ("arm.xacro", "<robot name='x'><link name='${prefix}tool'/></robot>", "expected the URDF that `xacro` makes"),
+        ("arm.urdf", "<robot name='x'><xacro:include filename='a'/></robot>", "expected the URDF that `xacro` makes"),
         ("text.xml", "no XML at all", "not a model that MuJoCo can read: "),
         ("schema.xml", world("<jiont/>"), "jiont"),
         ("massless.xml", world("<joint/>"), "MuJoCo cannot use the model: "),

@@ -19,6 +19,9 @@ from robustopt.timescaling import Plan
 from robustopt.timescaling.plan import controls_of
 from robustopt.trajectory import Trajectory
 
+MOST_STEPS = 1_000_000
+"""Time steps of a trial; twice as many would take some 4 GB of memory (our choice)."""
+
 LONGEST_STEP = 0.1
 """Time steps longer than this part of the trajectory are taken for a mistake (our choice)."""
 
@@ -190,5 +193,12 @@ def _require_usable(trajectory: Trajectory, execution: ExecutionConfig) -> None:
         raise ConfigError(
             f"found {execution.timestep:g} s; expected less than a tenth of the motion, which takes "
             f"{trajectory.duration:.3g} s",
+            key="execution.timestep",
+        )
+    steps = (trajectory.duration + sum(execution.hold)) / execution.timestep
+    if steps > MOST_STEPS:
+        raise ConfigError(
+            f"found {execution.timestep:g} s, with which the motion of {trajectory.duration:.0f} s takes {steps:,.0f} "
+            f"steps; expected at most {MOST_STEPS:,} steps",
             key="execution.timestep",
         )

@@ -26,7 +26,10 @@ from robustopt.processes import cores, in_processes
 Array = np.ndarray
 
 CHUNK = 25
-"""Trials in one batch: enough to keep the threads busy, few enough for some 150 MB of records."""
+"""Most trials in one batch: enough to keep the threads busy."""
+
+CHUNK_STEPS = 200_000
+"""Most time steps of all trials of a batch of several: few enough for some 300 MB of records."""
 
 CONNECT = 10
 """How long a Dask scheduler and its workers are waited for [s]."""
@@ -151,7 +154,8 @@ def run_all(
     if trials and not is_random(job.execution):
         return _all_alike(job, trials, progress)
     processes, threads = share_cores(workers.processes)
-    chunks = [trials[i : i + CHUNK] for i in range(0, len(trials), CHUNK)]
+    size = max(1, min(CHUNK, CHUNK_STEPS // len(job.planned.t)))
+    chunks = [trials[i : i + size] for i in range(0, len(trials), size)]
     outcomes: list[TrialOutcome] = []
     if workers.scheduler is not None:
         results = _on_cluster(job, chunks, workers.scheduler)

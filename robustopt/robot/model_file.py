@@ -106,6 +106,7 @@ def load_model(config: Config) -> RobotModel:
     _lock_joints(spec, original, config, file)
     _require_open_chain(spec, file)
     _place_base(spec, config.robot.base)
+    notes += tendon_notes(spec, original)
     return RobotModel(spec=spec, original=original, file=file, urdf_limits=limits, notes=notes)
 
 
@@ -115,6 +116,19 @@ def compile_spec(spec: mujoco.MjSpec, file: Path) -> mujoco.MjModel:
         return spec.compile()
     except ValueError as error:
         raise RobotError(f"{file}: MuJoCo cannot use the model: {_one_line(error)}", key="robot.model") from error
+
+
+def tendon_notes(spec: mujoco.MjSpec, original: mujoco.MjModel) -> tuple[str, ...]:
+    """A note about the tendons of a robot that do what no plan knows of, if there are any; springs are known."""
+    unknown = original.tendon_limited | (original.tendon_armature != 0) | (original.tendon_damping != 0)
+    unknown |= original.tendon_frictionloss != 0
+    left = {tendon.name for tendon in spec.tendons}
+    names = [name for i in np.flatnonzero(unknown) if (name := original.tendon(i).name) in left]
+    if not names:
+        return ()
+    return (
+        f"range, armature, damping and friction of tendons act in simulation, but not in plans: {', '.join(names)}",
+    )
 
 
 def joint_names(model: mujoco.MjModel) -> tuple[str, ...]:

@@ -7,6 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+XACRO = "; expected the URDF that `xacro` makes of it"
+
 MESH_FORMATS = frozenset({".stl", ".obj", ".msh"})
 
 
@@ -28,10 +30,13 @@ def read_urdf(file: Path, resolve_package: Callable[[str], Path | None]) -> tupl
 
     Raises ValueError if the file is not well-formed XML.
     """
+    text = file.read_text(encoding="utf-8")
     try:
-        root = ET.fromstring(file.read_text(encoding="utf-8"))
+        root = ET.fromstring(text)
     except ET.ParseError as error:
-        raise ValueError(f"not well-formed XML: {error}") from error
+        raise ValueError(f"not well-formed XML: {error}{XACRO if 'xacro:' in text else ''}") from error
+    if "${" in text or "$(" in text:
+        raise ValueError(f"found variables of xacro{XACRO}")
     without: list[tuple[str, str]] = []
     for link in root.iter("link"):
         for visual in link.findall("visual"):

@@ -14,7 +14,7 @@ import numpy as np
 from robustopt.config import FEET, Config
 from robustopt.config.geometry import rectangle
 from robustopt.errors import RobotError
-from robustopt.robot.model_file import USUAL, RobotModel, compile_spec, model_file, read_model
+from robustopt.robot.model_file import USUAL, RobotModel, compile_spec, model_file, read_model, tendon_notes
 
 BASE_JOINTS = ("base_x", "base_y", "base_z", "base_yaw", "base_pitch", "base_roll")
 """Coordinates of the floating base in their order: position in the world, then turns about z, y and x."""
@@ -47,6 +47,7 @@ def load_walker_model(config: Config) -> tuple[RobotModel, np.ndarray, dict[str,
     if config.path.rail is not None:
         _require_site(original, config.path.rail.contact, "palm", file.name)
         contacts[config.path.rail.contact] = Sole(_palm(config.path.rail.size))
+    notes += tendon_notes(spec, original)
     _replace_free_joint(spec, original)
     for key in list(spec.keys):
         spec.delete(key)
