@@ -11,6 +11,7 @@ from real_problems import optimum
 from scipy.stats import beta
 from synthetic_worlds import World, run
 
+from robustopt.errors import ConfigError
 from robustopt.learning.bisection import Bisection
 from robustopt.learning.boundary import cloud
 from robustopt.learning.branch_and_bound import Diagonal, Midpoint
@@ -177,6 +178,21 @@ def test_no_plan_anywhere_is_an_outcome(make):
     state = learner.initial()
     assert state.end is End.NO_PLAN
     assert learner.ask(state) is None
+
+
+@every_learner
+@pytest.mark.parametrize(
+    ("cost", "found"),
+    [
+        (lambda p: 2 - p[:, 1], r"a plan of 2 s for p1 = 0 and a plan of 1 s for p1 = 1"),
+        (lambda p: np.where(p[:, 1] < 0.1, np.inf, 1.0), r"no plan for p1 = 0 and a plan of 1 s for p1 = 0\."),
+        (lambda p: 1 + (p[:, 0] - 0.5) ** 2, r"a plan of 1.25 s for p0 = 0 and a plan of 1 s for p0 = 0.5"),
+    ],
+    ids=["swapped", "swapped without a plan", "fastest in the middle"],
+)
+def test_a_parameter_along_which_plans_get_faster_is_refused(make, cost, found):
+    with pytest.raises(ConfigError, match=found):
+        make(parameters=unit(2), cost=cost).initial()
 
 
 @every_learner

@@ -127,6 +127,8 @@ class BranchAndBound(Learner[BranchState]):
     # The contract -----------------------------------------------------------------------------------------
 
     def initial(self) -> BranchState:
+        """Raises ConfigError where f* falls along a parameter, against condition 1: no bound would hold."""
+        self.map.require_monotone()
         state = BranchState()
         return self._next(state, self.lower_bound(state), None)
 

@@ -59,6 +59,10 @@ MOST_NODES = 33
 """Nodes of one axis that are enough for the interpolation of f*."""
 
 
+FALL = 0.005
+"""Largest relative fall of f* towards the conservative end: solvers leave 5e-5, and a gap is seldom asked for under this."""
+
+
 class CostMap:
     """f* over the unit cube: exact where it is asked for, and interpolated from a grid where it is only a guide.
 
@@ -97,6 +101,35 @@ class CostMap:
             weight = np.prod(np.where(corner, share, 1 - share), axis=1)
             total += weight * table[(cell + np.array(corner)) @ strides]
         return np.exp(total)
+
+    def require_monotone(self) -> None:
+        """Raise ConfigError where f* falls along a parameter, at the nodes of the grid; where there is no plan it is largest."""
+        self.guide(np.zeros((1, len(self._parameters))))
+        nodes = self._nodes
+        assert nodes is not None
+        for axis, parameter in enumerate(self._parameters):
+            falls = np.maximum.accumulate(nodes, axis=axis) - nodes
+            if falls.max() <= np.log1p(FALL):
+                continue
+            node = np.unravel_index(np.argmax(falls), nodes.shape)
+            line = np.moveaxis(nodes, axis, 0)[(slice(None), *np.delete(node, axis))]
+            before = int(np.argmax(line[: node[axis]]))
+            ends = np.tile(np.array(node, dtype=float), (2, 1))
+            ends[0, axis] = before
+            ends /= len(nodes) - 1
+            durations = [f"a plan of {f:.4g} s" if np.isfinite(f) else "no plan" for f in self.exact(ends)]
+            numbers = values(self._parameters, ends)
+            others = [
+                f"{other.key} = {numbers[0, i]:.4g}" for i, other in enumerate(self._parameters) if other != parameter
+            ]
+            place = f" (with {', '.join(others)})" if others else ""
+            slower, faster = (f"{durations[i]} for {parameter.key} = {numbers[i, axis]:.4g}" for i in (0, 1))
+            raise ConfigError(
+                f"found {slower} and {faster}, which is nearer to the conservative end{place}; expected plans that get "
+                f"slower from optimistic ({parameter.optimistic:g}) to conservative ({parameter.conservative:g}), or "
+                "stay as they are: swap the two, or search on one side of the fastest value",
+                key="learning.parameters",
+            )
 
     def _grid(self) -> Array:
         """log f* at the nodes, (n, ..., n)."""
