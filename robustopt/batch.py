@@ -18,10 +18,10 @@ import numpy as np
 
 from robustopt.config import Config, with_values
 from robustopt.config.document import Key, split_key
-from robustopt.errors import ConfigError
+from robustopt.errors import ConfigError, SolverFailed
 from robustopt.problem import TimeScalingProblem, rows_along, track_of
 from robustopt.problem.track import Track
-from robustopt.timescaling import Plan, solve
+from robustopt.timescaling import Plan, Status, solve
 
 Array = np.ndarray
 Setting = Mapping[str, float | Sequence[float]]
@@ -68,7 +68,8 @@ class BatchPlanner:
     def durations(self, settings: Sequence[Setting]) -> Array:
         """Duration of the plan of each setting, (k,) [s]; infinite where there is none. Each is computed once.
 
-        Raises ConfigError where a key is no belief, or a value is not allowed.
+        Raises ConfigError where a key is no belief, or a value is not allowed, and SolverFailed where the solver stops
+        without an answer.
         """
         keys = [_identity(setting) for setting in settings]
         new = {key: setting for key, setting in zip(keys, settings, strict=True) if key not in self._durations}
@@ -91,7 +92,11 @@ class BatchPlanner:
         return solve(self.problem(setting), "reachability")
 
     def _duration(self, setting: Setting) -> float:
-        return self._plan(setting).duration
+        plan = self._plan(setting)
+        if plan.status not in (Status.SOLVED, Status.INFEASIBLE):
+            described = ", ".join(f"{key} = {value}" for key, value in setting.items())
+            raise SolverFailed(f"no plan for {described}: {plan.message}")
+        return plan.duration
 
     def _each(self, settings: Iterable[Setting], call: Any) -> list[Any]:
         """The results of a call, in order; the first one alone, so that what all share is there."""

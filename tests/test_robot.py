@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -285,6 +286,22 @@ def test_limits_come_from_the_file_and_the_configuration_overrides_them() -> Non
     np.testing.assert_array_equal(changed.upper, [3, 0.5])
     with pytest.raises(ValueError, match="read-only"):
         limits.torque[0] = 1e9
+
+
+@pytest.mark.parametrize(
+    ("actuator", "torque"),
+    [
+        ('motor ctrlrange="-3 4"', 15.0),
+        ('motor ctrlrange="-3 4" forcerange="-2 2"', 10.0),
+        ('position kp="100" ctrlrange="-3 4" forcerange="-9 9"', 45.0),
+    ],
+)
+def test_a_motor_can_do_what_its_control_range_says(tmp_path: Path, actuator: str, torque: float) -> None:
+    text = (FIXTURES / "double_pendulum.xml").read_text()
+    found = re.search(r'<motor [^>]*joint="elbow"[^>]*/>', text)
+    assert found is not None
+    (tmp_path / "own.xml").write_text(text.replace(found[0], f'<{actuator} gear="5" joint="elbow"/>'))
+    assert load({"model": "own.xml", "tool": "tip"}, folder=tmp_path).limits.torque[1] == torque
 
 
 def test_joint_friction_can_be_left_out() -> None:

@@ -252,7 +252,8 @@ def test_the_truth_is_in_the_model():
 
 def test_nothing_but_contacts_carries_the_robot_whatever_its_file_says(plan, tmp_path):
     text = (MODELS / "humanoid.xml").read_text()
-    text = text.replace('<body name="torso"', '<body name="torso" gravcomp="1"').replace("<option", '<option density="100"')
+    for element, attribute in (('<body name="torso"', ' gravcomp="1"'), ("<option", ' density="100"')):
+        text = text.replace(element, element + attribute)
     (tmp_path / "own.xml").write_text(text)
     walker = plan.problem.robot
     scene = WalkerScene(configured(f"robot.model={tmp_path / 'own.xml'}"), scene_gains(walker), 0.001)

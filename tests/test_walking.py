@@ -513,7 +513,11 @@ def test_what_only_the_model_shows_is_an_error_of_its_key(override: str, kind: A
     ("place", "addition", "words"),
     [
         ('<joint name="left_knee"', ' stiffness="20"', "has springs in left_knee"),
-        ("<actuator>", '<tendon><fixed name="t" stiffness="9"><joint joint="waist" coef="1"/></fixed></tendon>', "in t,"),
+        (
+            "<actuator>",
+            '<tendon><fixed name="t" stiffness="9"><joint joint="waist" coef="1"/></fixed></tendon>',
+            "has springs in t",
+        ),
         ("<actuator>", '<equality><joint name="e" joint1="left_elbow"/></equality>', "equality constraints (e)"),
     ],
 )

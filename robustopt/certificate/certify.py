@@ -124,12 +124,13 @@ class Certificate:
 
     @property
     def sentence(self) -> str:
-        """The result in one or two sentences."""
+        """The result in two sentences, or three where more grid points would help."""
         verdict = "passes" if self.passed else "fails"
         effort = f"{self.level}: {self.draws} draws, {self.tests} tests"
         if self.intervals_checked < self.intervals:
             effort += f", {self.intervals_checked} of {self.intervals} intervals"
-        return f"The plan {verdict} its certificate ({effort}). {self.worst}."
+        finer = "" if self.passed or self.worst.on_grid else " It shrinks with more solver.collocation_points."
+        return f"The plan {verdict} its certificate ({effort}). {self.worst}.{finer}"
 
 
 def certify(config: Config, plan: Plan, level: str = "quick", seed: int = 0) -> Certificate:

@@ -216,7 +216,7 @@ class WalkerScene:
 
 
 def _set_options(spec: mujoco.MjSpec, timestep: float) -> None:
-    """Contacts as the model file has them; no air; cones, solver and integrator as the fidelity of the task needs them."""
+    """Contacts as the model file has them, no air; cones, solver and integrator as the fidelity of the task needs."""
     option = spec.option
     option.timestep = timestep
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST

@@ -7,7 +7,7 @@ Where they are read from:
 | position | joint `range` | `limit lower upper` |
 | velocity | `<custom><numeric name="velocity_limit">`, one value per joint in their order | `limit velocity` |
 | acceleration | `<custom><numeric name="acceleration_limit">`, likewise | nowhere |
-| torque | joint `actuatorfrcrange`, else gear times the force range of the joint's only actuator | `limit effort` |
+| torque | joint `actuatorfrcrange`, else gear times force range of its actuator, or a motor's control range | `limit effort` |
 | dry friction | joint `frictionloss` | `dynamics friction` |
 | viscous friction | joint `damping` | `dynamics damping` |
 """
@@ -95,7 +95,7 @@ def _numeric(robot: RobotModel, numeric: str, urdf: Mapping[str, float]) -> np.n
 
 
 def _torque(model: mujoco.MjModel) -> np.ndarray:
-    """Torque limits: `actuatorfrcrange` of the joint, or else the force range of the one actuator that drives it."""
+    """Torque limits: `actuatorfrcrange` of the joint, or else what the one actuator that drives it can do."""
     limits = np.full(model.njnt, np.nan)
     for joint in range(model.njnt):
         if model.jnt_actfrclimited[joint]:
@@ -107,9 +107,21 @@ def _torque(model: mujoco.MjModel) -> np.ndarray:
             if model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT
             and model.actuator_trnid[actuator, 0] == joint
         ]
-        if len(driving) == 1 and model.actuator_forcelimited[driving[0]]:
-            limits[joint] = abs(model.actuator_gear[driving[0], 0]) * _symmetric(model.actuator_forcerange[driving[0]])
+        if len(driving) == 1:
+            limits[joint] = abs(model.actuator_gear[driving[0], 0]) * _largest_force(model, driving[0])
     return np.where(limits > 0, limits, np.nan)
+
+
+def _largest_force(model: mujoco.MjModel, actuator: int) -> float:
+    """Largest force of an actuator before its gear; NaN where the file does not limit it."""
+    if model.actuator_forcelimited[actuator]:
+        return _symmetric(model.actuator_forcerange[actuator])
+    plain = model.actuator_dyntype[actuator] == mujoco.mjtDyn.mjDYN_NONE
+    plain = plain and model.actuator_gaintype[actuator] == mujoco.mjtGain.mjGAIN_FIXED
+    motor = plain and model.actuator_biastype[actuator] == mujoco.mjtBias.mjBIAS_NONE
+    if motor and model.actuator_ctrllimited[actuator]:
+        return _symmetric(model.actuator_gainprm[actuator, 0] * model.actuator_ctrlrange[actuator])
+    return float("nan")
 
 
 def _symmetric(limits: np.ndarray) -> float:

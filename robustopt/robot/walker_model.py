@@ -31,7 +31,8 @@ def load_walker_model(config: Config) -> tuple[RobotModel, np.ndarray, dict[str,
     """The robot with base coordinates in place of its free joint, its posture q (n,), and its contacts by name: both
     feet, and the hand that it has on a rail.
 
-    Raises RobotError if the file has no floating base, foot, hand, contact point or keyframe, or has springs or couplings.
+    Raises RobotError if the file has no floating base, foot, hand, contact point or keyframe, or has springs
+    or couplings.
     """
     file = model_file(config)
     spec, limits, notes = read_model(file)

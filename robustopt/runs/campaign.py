@@ -227,6 +227,9 @@ def cost_of(config: Config, settings: LearningConfig) -> Cost:
     batch = BatchPlanner(learned_from(config, keys))
 
     def cost(values: Array) -> Array:
+        if config.solver.cost != "time":
+            found = f"found {config.solver.cost} with {settings.algorithm}, which compares fastest plans"
+            raise ConfigError(f"{found}; expected time", key="solver.cost")
         return batch.durations([dict(zip(keys, row, strict=True)) for row in values.tolist()])
 
     return cost
