@@ -196,8 +196,8 @@ def test_no_plan_anywhere_is_an_outcome(make):
 @pytest.mark.parametrize(
     ("cost", "found"),
     [
-        (lambda p: 2 - p[:, 1], r"a plan of 2 s for p1 = 0 and a plan of 1 s for p1 = 1"),
-        (lambda p: np.where(p[:, 1] < 0.1, np.inf, 1.0), r"no plan for p1 = 0 and a plan of 1 s for p1 = 0\."),
+        (lambda p: 2 - p[:, 1] + p[:, 0], r"a plan of 2 s for p1 = 0 and a plan of 1 s for p1 = 1"),
+        (lambda p: np.where(p[:, 1] < 0.1, np.inf, 1 + p[:, 0]), r"no plan for p1 = 0 and a plan of 1 s for p1 = 0\."),
         (lambda p: 1 + (p[:, 0] - 0.5) ** 2, r"a plan of 1.25 s for p0 = 0 and a plan of 1 s for p0 = 0.5"),
         (lambda p: 1 + p[:, 0], r"the same plans for every p1 from 0 to 1; .* leave the parameter out"),
     ],

@@ -7,7 +7,7 @@ Where they are read from:
 | position | joint `range` | `limit lower upper` |
 | velocity | `<custom><numeric name="velocity_limit">`, one value per joint in their order | `limit velocity` |
 | acceleration | `<custom><numeric name="acceleration_limit">`, likewise | nowhere |
-| torque | joint `actuatorfrcrange`, else gear times force range of its actuator, or a motor's control range | `limit effort` |
+| torque | joint `actuatorfrcrange`, else gear times the actuator's force, or motor's control range | `limit effort` |
 | dry friction | joint `frictionloss` | `dynamics friction` |
 | viscous friction | joint `damping` | `dynamics damping` |
 """
