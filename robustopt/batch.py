@@ -23,7 +23,7 @@ from robustopt.errors import ConfigError, SolverFailed
 from robustopt.problem import TimeScalingProblem, rows_along, track_of
 from robustopt.problem.track import Track
 from robustopt.processes import cores, in_processes
-from robustopt.timescaling import Plan, solve
+from robustopt.timescaling import Plan, Status, solve
 
 Array = np.ndarray
 Setting = Mapping[str, float | Sequence[float]]
@@ -79,7 +79,8 @@ class BatchPlanner:
     def durations(self, settings: Sequence[Setting]) -> Array:
         """Duration of the plan of each setting, (k,) [s]; infinite where there is none. Each is computed once.
 
-        Raises ConfigError where a key is no belief, or a value is not allowed.
+        Raises ConfigError where a key is no belief, or a value is not allowed, and SolverFailed where the solver stops
+        without an answer.
         """
         keys = [_identity(setting) for setting in settings]
         new = {key: setting for key, setting in zip(keys, settings, strict=True) if key not in self._durations}
@@ -88,10 +89,10 @@ class BatchPlanner:
 
     def plan_durations(self, settings: Sequence[Setting]) -> Array:
         """The same, computed anew."""
-        found = [self._plan(setting).duration for setting in settings[:1]]  # this makes what all plans share
+        found = [self._duration(setting) for setting in settings[:1]]  # this makes what all plans share
         began = time.perf_counter()
         for count, setting in enumerate(settings[1:], 1):
-            found.append(self._plan(setting).duration)
+            found.append(self._duration(setting))
             spent, left = time.perf_counter() - began, len(settings) - len(found)
             if self.workers > 1 and spent > ALONE and left * spent / count > WORTHWHILE:
                 return np.array(found + self._durations_by_processes(settings[-left:]))
@@ -114,11 +115,18 @@ class BatchPlanner:
     def _plan(self, setting: Setting) -> Plan:
         return solve(self.problem(setting), "reachability")
 
+    def _duration(self, setting: Setting) -> float:
+        plan = self._plan(setting)
+        if plan.status not in (Status.SOLVED, Status.INFEASIBLE):
+            described = ", ".join(f"{key} = {value}" for key, value in setting.items())
+            raise SolverFailed(f"no plan for {described}: {plan.message}")
+        return plan.duration
+
 
 def _durations(task: bytes, settings: Sequence[Setting]) -> list[float]:
     """What a worker process does. task: a pickled configuration"""
     planner = _planner_of(task)
-    return [planner._plan(setting).duration for setting in settings]
+    return [planner._duration(setting) for setting in settings]
 
 
 @lru_cache(maxsize=1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ import robustopt as ro
 from robustopt import batch
 from robustopt.batch import BatchPlanner, with_beliefs
 from robustopt.config import Config, load_config, with_values
-from robustopt.errors import ConfigError
+from robustopt.errors import ConfigError, SolverFailed
 from robustopt.problem import build_problem
 from robustopt.timescaling import Plan, Status, solve
 
@@ -154,3 +155,14 @@ def test_bad_settings_say_what_is_wrong(setting: dict[str, Any], key: str, words
     with pytest.raises(ConfigError, match=words.replace("?", r"\?")) as error:
         BatchPlanner(config_of("waiter_two_blocks")).durations([{}, setting])
     assert error.value.problems[0].key == key
+
+
+def test_a_solver_that_stops_is_no_missing_plan(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else a learner would take the setting for infeasible, and its lower bound would pass over it."""
+
+    def stopped(problem: Any, method: str) -> Plan:
+        return replace(solve(problem, method), status=Status.ITERATION_LIMIT, message="too long", duration=np.inf)
+
+    monkeypatch.setattr("robustopt.batch.solve", stopped)
+    with pytest.raises(SolverFailed, match=r"no plan for contact\.friction = 0\.3: too long"):
+        BatchPlanner(config_of("waiter_two_blocks")).durations([{"contact.friction": 0.3}])

@@ -11,6 +11,7 @@ from real_problems import optimum
 from scipy.stats import beta
 from synthetic_worlds import World, run
 
+from robustopt.errors import ConfigError
 from robustopt.learning.bisection import Bisection
 from robustopt.learning.boundary import cloud
 from robustopt.learning.branch_and_bound import Diagonal, Midpoint
@@ -172,11 +173,39 @@ def test_b_is_executed_before_anybody_says_that_nothing_succeeds(make):
 
 
 @every_learner
+def test_a_parameter_that_no_duration_depends_on_takes_one_execution(make):
+    state = solve(make(parameters=unit(1), cost=lambda p: np.ones(len(p))), lambda point: True)
+    assert [tuple(point_of(row)) for row in state.rows] == [(1.0,)]
+    assert state.rows[-1].gap == 0.0
+
+
+def test_a_budget_under_one_test_is_refused():
+    with pytest.raises(ConfigError, match=r"found 6; expected at least learning\.executions_per_plan, 7"):
+        Midpoint(parameters=unit(1), cost=problem(2, 0).cost, budget=6, executions_per_plan=7)
+
+
+@every_learner
 def test_no_plan_anywhere_is_an_outcome(make):
     learner = make(parameters=unit(2), cost=lambda values: np.full(len(values), np.inf))
     state = learner.initial()
     assert state.end is End.NO_PLAN
     assert learner.ask(state) is None
+
+
+@every_learner
+@pytest.mark.parametrize(
+    ("cost", "found"),
+    [
+        (lambda p: 2 - p[:, 1] + p[:, 0], r"a plan of 2 s for p1 = 0 and a plan of 1 s for p1 = 1"),
+        (lambda p: np.where(p[:, 1] < 0.1, np.inf, 1 + p[:, 0]), r"no plan for p1 = 0 and a plan of 1 s for p1 = 0\."),
+        (lambda p: 1 + (p[:, 0] - 0.5) ** 2, r"a plan of 1.25 s for p0 = 0 and a plan of 1 s for p0 = 0.5"),
+        (lambda p: 1 + p[:, 0], r"the same plans for every p1 from 0 to 1; .* leave the parameter out"),
+    ],
+    ids=["swapped", "swapped without a plan", "fastest in the middle", "without influence"],
+)
+def test_a_parameter_along_which_plans_do_not_get_slower_is_refused(make, cost, found):
+    with pytest.raises(ConfigError, match=found):
+        make(parameters=unit(2), cost=cost).initial()
 
 
 @every_learner

@@ -337,3 +337,12 @@ def test_a_task_without_objects_has_nothing_to_learn():
     config = with_values(task(), {"objects": {}, "execution": None})
     with pytest.raises(ConfigError, match="expected at least one that friction holds"):
         learn(config, Threshold())
+
+
+def test_learners_that_compare_fastest_plans_refuse_another_cost():
+    config = with_values(
+        task("bnb-midpoint", parameters=[{"key": "contact.friction", "optimistic": 1.0, "conservative": 0.1}]),
+        {"solver": {"method": "ipopt", "collocation_points": 20, "cost": "effort", "weight": 1.0}},
+    )
+    with pytest.raises(ConfigError, match=r"found effort with bnb-midpoint.*expected time"):
+        learn(config, Threshold())

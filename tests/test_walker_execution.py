@@ -28,6 +28,7 @@ from robustopt.learning.learner import Belief
 from robustopt.learning.moments import ErrorInterval
 from robustopt.path.footsteps import footsteps
 from robustopt.problem import build_problem
+from robustopt.robot.model_file import MODELS
 from robustopt.robot.walker import Walker
 from robustopt.runs.beliefs import believing
 from robustopt.runs.campaign import learn
@@ -247,6 +248,18 @@ def test_the_truth_is_in_the_model():
         assert np.ptp(model.geom_pos[spheres, 0]) == pytest.approx(2 * half)
     with pytest.raises(ConfigError, match=r"contact_inset.*leaves nothing of left_foot"):
         WalkerScene(configured("execution.truth.contact_inset={left_foot: 0.2}"), scene_gains(walker), 0.001)
+
+
+def test_nothing_but_contacts_carries_the_robot_whatever_its_file_says(plan, tmp_path):
+    text = (MODELS / "humanoid.xml").read_text()
+    for element, attribute in (('<body name="torso"', ' gravcomp="1"'), ("<option", ' density="100"')):
+        text = text.replace(element, element + attribute)
+    (tmp_path / "own.xml").write_text(text)
+    walker = plan.problem.robot
+    scene = WalkerScene(configured(f"robot.model={tmp_path / 'own.xml'}"), scene_gains(walker), 0.001)
+    model = scene.model(scene.believed)
+    assert not np.any(model.body_gravcomp)
+    assert model.opt.density == model.opt.viscosity == 0.0
 
 
 def scene_gains(walker: Walker) -> Gains:

@@ -496,6 +496,30 @@ def test_what_only_the_model_shows_is_an_error_of_its_key(override: str, kind: A
     assert words in caught.value.problems[0].message
 
 
+@pytest.mark.parametrize(
+    ("place", "addition", "words"),
+    [
+        ('<joint name="left_knee"', ' stiffness="20"', "has springs in left_knee"),
+        (
+            "<actuator>",
+            '<tendon><fixed name="t" stiffness="9"><joint joint="waist" coef="1"/></fixed></tendon>',
+            "has springs in t",
+        ),
+        ("<actuator>", '<equality><joint name="e" joint1="left_elbow"/></equality>', "equality constraints (e)"),
+    ],
+)
+def test_a_walker_whose_simulation_has_forces_that_plans_do_not_count_is_refused(
+    tmp_path: Path, place: str, addition: str, words: str
+) -> None:
+    text = (MODELS / "humanoid.xml").read_text()
+    assert place in text
+    changed = addition + place if addition.startswith("<") else place + addition
+    (tmp_path / "own.xml").write_text(text.replace(place, changed))
+    with pytest.raises(RobotError) as caught:
+        build_problem(configured(f"robot.model={tmp_path / 'own.xml'}"))
+    assert words in str(caught.value)
+
+
 def test_an_arm_has_a_tray_and_no_base_acceleration() -> None:
     waiter = CONFIG.parent / "waiter_two_blocks.yaml"
     with pytest.raises(ConfigError) as caught:

@@ -171,6 +171,8 @@ class WalkerScene:
             spec.delete(item)
         _set_options(spec, timestep)
         spec.option.gravity = config.gravity
+        for body in spec.bodies[1:]:
+            body.gravcomp = 0.0  # that of a model would carry the robot from outside, and plans know nothing of it
         for i, name in enumerate(self.joint_names):
             joint, limit = spec.joint(name), self.torque_limit[i]
             joint.actfrclimited, joint.actfrcrange = bool(np.isfinite(limit)), [-limit, limit]
@@ -215,7 +217,7 @@ class WalkerScene:
 
 
 def _set_options(spec: mujoco.MjSpec, timestep: float) -> None:
-    """Contacts as the model file has them; cones, solver and integrator as the fidelity of the task needs them."""
+    """Contacts as the model file has them, no air; cones, solver and integrator as the fidelity of the task needs."""
     option = spec.option
     option.timestep = timestep
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -223,6 +225,7 @@ def _set_options(spec: mujoco.MjSpec, timestep: float) -> None:
     option.solver = mujoco.mjtSolver.mjSOL_NEWTON
     option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     option.impratio = IMPEDANCE_RATIO
+    option.density = option.viscosity = 0.0
     option.iterations, option.noslip_iterations = ITERATIONS, 0
     option.disableflags, option.enableflags = int(mujoco.mjtDisableBit.mjDSBL_AUTORESET), 0
 

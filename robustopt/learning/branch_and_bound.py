@@ -69,6 +69,9 @@ class BranchAndBound(Learner[BranchState]):
     def __post_init__(self) -> None:
         require_positive(delta=self.delta, gap=self.gap)
         require_positive(budget=self.budget, executions_per_plan=self.executions_per_plan, plans=self.plans)
+        if self.budget < self._room:
+            expected = f"at least learning.executions_per_plan, {self._room}"
+            raise ConfigError(f"found {self.budget}; expected {expected}", key="learning.budget")
         if not self.parameters:
             raise ConfigError(f"found none; expected at least one for {self.name}", key="learning.parameters")
         keys = [parameter.key for parameter in self.parameters]
@@ -127,6 +130,8 @@ class BranchAndBound(Learner[BranchState]):
     # The contract -----------------------------------------------------------------------------------------
 
     def initial(self) -> BranchState:
+        """Raises ConfigError where f* falls along a parameter, against condition 1, or does not depend on one."""
+        self.map.require_growth()
         state = BranchState()
         return self._next(state, self.lower_bound(state), None)
 

@@ -118,7 +118,7 @@ class End(Enum):
             End.BOXES: "No undecided box of parameters is larger than was asked for.",
             End.BUDGET: "The executions allowed are used up.",
             End.NO_SUCCESS: "No plan that was tested succeeded.",
-            End.NO_PLAN: "There is no plan, even without acceleration errors.",
+            End.NO_PLAN: "There is no plan, even for the most optimistic belief.",
         }[self]
 
 

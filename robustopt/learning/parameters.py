@@ -59,6 +59,16 @@ MOST_NODES = 33
 """Nodes of one axis that are enough for the interpolation of f*."""
 
 
+FALL = 0.005
+"""Largest relative fall of f* towards the conservative end: solvers leave 5e-5, and few gaps asked for are smaller."""
+
+FLAT = 1e-4
+"""Relative change of f* over all of an interval that counts as none: solvers leave 5e-5."""
+
+FLAT_NODES = 5
+"""Nodes of one axis that are enough to say so."""
+
+
 class CostMap:
     """f* over the unit cube: exact where it is asked for, and interpolated from a grid where it is only a guide.
 
@@ -97,6 +107,46 @@ class CostMap:
             weight = np.prod(np.where(corner, share, 1 - share), axis=1)
             total += weight * table[(cell + np.array(corner)) @ strides]
         return np.exp(total)
+
+    def require_growth(self) -> None:
+        """Raise ConfigError where f*, at the nodes of the grid, falls along a parameter, or depends on others alone.
+
+        Without a plan f* is largest.
+        """
+        self.guide(np.zeros((1, len(self._parameters))))
+        nodes = self._nodes
+        assert nodes is not None
+        flat = [float(np.ptp(nodes, axis=axis).max()) < FLAT for axis in range(nodes.ndim)]
+        for axis, parameter in enumerate(self._parameters):
+            if flat[axis] and not all(flat) and len(nodes) >= FLAT_NODES:
+                raise ConfigError(
+                    f"found the same plans for every {parameter.key} from {parameter.optimistic:g} to "
+                    f"{parameter.conservative:g}; expected parameters that durations depend on: give the conservative "
+                    "value to the configuration, which costs nothing, and leave the parameter out",
+                    key="learning.parameters",
+                )
+            falls = np.maximum.accumulate(nodes, axis=axis) - nodes
+            if falls.max() > np.log1p(FALL):
+                raise ConfigError(self._fall(axis, nodes, falls), key="learning.parameters")
+
+    def _fall(self, axis: int, nodes: Array, falls: Array) -> str:
+        """The largest fall of f* along an axis in words, from its nodes and how far each is below one before it."""
+        parameter = self._parameters[axis]
+        node = np.unravel_index(np.argmax(falls), nodes.shape)
+        line = np.moveaxis(nodes, axis, 0)[(slice(None), *np.delete(node, axis))]
+        points = np.tile(np.array(node, dtype=float), (2, 1))
+        points[0, axis] = np.argmax(line[: node[axis]])
+        points /= len(nodes) - 1
+        numbers = values(self._parameters, points)
+        plans = [f"a plan of {f:.4g} s" if np.isfinite(f) else "no plan" for f in self.exact(points)]
+        slower, faster = (f"{plans[i]} for {parameter.key} = {numbers[i, axis]:.4g}" for i in (0, 1))
+        others = [f"{p.key} = {numbers[0, i]:.4g}" for i, p in enumerate(self._parameters) if i != axis]
+        place = f" (with {', '.join(others)})" if others else ""
+        return (
+            f"found {slower} and {faster}, which is nearer to the conservative end{place}; expected plans that never "
+            f"get faster from optimistic ({parameter.optimistic:g}) to conservative ({parameter.conservative:g}): swap "
+            "the two, or search on one side of the fastest value"
+        )
 
     def _grid(self) -> Array:
         """log f* at the nodes, (n, ..., n)."""

@@ -104,7 +104,7 @@ def load_model(config: Config) -> RobotModel:
     _require_hinges_and_slides(original, file)
     _attach_tray(spec, original, config, file)
     _lock_joints(spec, original, config, file)
-    _require_open_chain(spec, file)
+    require_open_chain(spec, file)
     _place_base(spec, config.robot.base)
     notes += tendon_notes(spec, original)
     return RobotModel(spec=spec, original=original, file=file, urdf_limits=limits, notes=notes)
@@ -267,7 +267,8 @@ def _delete_joints(spec: mujoco.MjSpec, joints: set[str]) -> None:
         spec.delete(spec.joint(name))
 
 
-def _require_open_chain(spec: mujoco.MjSpec, file: Path) -> None:
+def require_open_chain(spec: mujoco.MjSpec, file: Path) -> None:
+    """Raise RobotError where active equality constraints couple links or joints."""
     closing = [item.name or f"{item.name1} and {item.name2}" for item in spec.equalities if item.active]
     if closing:
         raise RobotError(

@@ -14,7 +14,15 @@ import numpy as np
 from robustopt.config import FEET, Config
 from robustopt.config.geometry import rectangle
 from robustopt.errors import RobotError
-from robustopt.robot.model_file import USUAL, RobotModel, compile_spec, model_file, read_model, tendon_notes
+from robustopt.robot.model_file import (
+    USUAL,
+    RobotModel,
+    compile_spec,
+    model_file,
+    read_model,
+    require_open_chain,
+    tendon_notes,
+)
 
 BASE_JOINTS = ("base_x", "base_y", "base_z", "base_yaw", "base_pitch", "base_roll")
 """Coordinates of the floating base in their order: position in the world, then turns about z, y and x."""
@@ -31,7 +39,8 @@ def load_walker_model(config: Config) -> tuple[RobotModel, np.ndarray, dict[str,
     """The robot with base coordinates in place of its free joint, its posture q (n,), and its contacts by name: both
     feet, and the hand that it has on a rail.
 
-    Raises RobotError if the file has no floating base, foot, hand, contact point or keyframe.
+    Raises RobotError if the file has no floating base, foot, hand, contact point or keyframe, or has springs
+    or couplings.
     """
     file = model_file(config)
     spec, limits, notes = read_model(file)
@@ -40,6 +49,8 @@ def load_walker_model(config: Config) -> tuple[RobotModel, np.ndarray, dict[str,
     if list(free) != [0]:
         found = "no free joint" if not len(free) else "a free joint that is not its first"
         raise RobotError(f"{file.name} has {found}; a robot on its feet has a free joint first", key="robot.model")
+    require_open_chain(spec, file)
+    _require_no_springs(original, file.name)
     if original.nkey == 0:
         raise RobotError(f"{file.name} has no keyframe; expected the posture of the robot", key="robot.model")
     posture = _posture(original)
@@ -52,6 +63,17 @@ def load_walker_model(config: Config) -> tuple[RobotModel, np.ndarray, dict[str,
     for key in list(spec.keys):
         spec.delete(key)
     return RobotModel(spec=spec, original=original, file=file, urdf_limits=limits, notes=notes), posture, contacts
+
+
+def _require_no_springs(model: mujoco.MjModel, file: str) -> None:
+    sprung = [model.joint(k).name for k in np.flatnonzero(model.jnt_stiffness)]
+    sprung += [model.tendon(k).name for k in np.flatnonzero(model.tendon_stiffness)]
+    if sprung:
+        raise RobotError(
+            f"{file} has springs in {', '.join(sprung)}, which are not counted for a robot on its feet; expected none "
+            "(stiffness 0)",
+            key="robot.model",
+        )
 
 
 def _posture(model: mujoco.MjModel) -> np.ndarray:

@@ -232,6 +232,9 @@ def cost_of(config: Config, settings: LearningConfig, workers: int = 1) -> Cost:
     batch = BatchPlanner(learned_from(config, keys), workers)
 
     def cost(values: Array) -> Array:
+        if config.solver.cost != "time":
+            found = f"found {config.solver.cost} with {settings.algorithm}, which compares fastest plans"
+            raise ConfigError(f"{found}; expected time", key="solver.cost")
         return batch.durations([dict(zip(keys, row, strict=True)) for row in values.tolist()])
 
     return cost
