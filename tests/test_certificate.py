@@ -497,7 +497,6 @@ def test_between_grid_points_one_per_cent_is_forgiven(excess: float, passes: boo
     assert ("try more solver.collocation_points than" in certificate.sentence) == (not passes)
     assert certificate.margins["x acceleration"].on_grid > 0.5
     assert certificate.passed is passes
-    assert certificate.sentence.endswith("more solver.collocation_points.") is not passes
     if excess > 0:
         assert certificate.worst.limit == "x acceleration"
         assert not certificate.worst.on_grid
