@@ -60,12 +60,14 @@ def learning_table(silent: bool) -> Iterator[Callable[[Learned], None] | None]:
         return
     from rich.console import Group
     from rich.live import Live
+    from rich.spinner import Spinner
     from rich.text import Text
 
     from robustopt.report import iterations_table
     from robustopt.runs.learning_summary import row_record, trial_record
 
-    with Live(console=console(stderr=True), transient=True, refresh_per_second=8) as live:
+    beginning = Spinner("dots", "planning")  # several parameters begin with a grid of plans, which may take minutes
+    with Live(beginning, console=console(stderr=True), transient=True, refresh_per_second=8) as live:
 
         def update(learned: Learned) -> None:
             records = [row_record(learned, row) for row in learned.rows]

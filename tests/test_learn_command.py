@@ -1,6 +1,7 @@
 """The command `learn`: what it prints and writes, how it is interrupted and continued, and what bad input leads to."""
 
 import csv
+import io
 import json
 import os
 import random
@@ -14,7 +15,7 @@ from pathlib import Path
 import pytest
 from learning_tasks import remember_plans, task
 
-from robustopt import report
+from robustopt import report, terminal
 from robustopt.config import dump, load_config
 from robustopt.errors import RunFolderError, SolverFailed
 from robustopt.execution import Status
@@ -407,6 +408,18 @@ def test_ctrl_c_in_a_terminal_keeps_what_was_learned(tmp_path, long_run, workers
     assert out == ""
     assert err == "error: interrupted; what was learned is kept: robustopt learn --resume --out a\n"
     assert learned_so_far(tmp_path / "a") >= 1
+
+
+def test_a_person_who_watches_sees_that_the_first_plans_are_made(monkeypatch):
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    watched = Terminal()
+    monkeypatch.setattr(sys, "stderr", watched)
+    with terminal.learning_table(silent=False):
+        pass
+    assert "planning" in watched.getvalue()
 
 
 # Bad input ------------------------------------------------------------------------------------------------
