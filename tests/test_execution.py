@@ -210,6 +210,22 @@ def test_the_world_has_the_joint_limits_of_the_plan(unit, tmp_path):
         assert model.jnt_range[0] == pytest.approx(limit or [-0.5, 0.5])
 
 
+@pytest.mark.parametrize(("outer", "inner", "span"), [("radian", "degree", 28.65), ("degree", "radian", 0.5)])
+def test_a_part_of_a_file_may_have_its_own_unit_of_angle(outer, inner, span, tmp_path):
+    text = (FIXTURES / "turntable.xml").read_text(encoding="utf-8").replace('angle="radian"', f'angle="{inner}"')
+    text = text.replace('axis="0 0 1"', f'axis="0 0 1" range="-{span} {span}"')
+    (tmp_path / "part.xml").write_text(text, encoding="utf-8")
+    (tmp_path / "whole.xml").write_text(
+        f'<mujoco><compiler angle="{outer}"/><asset><model name="part" file="part.xml"/></asset>'
+        '<worldbody><frame><attach model="part" prefix="the_"/></frame></worldbody></mujoco>'
+    )
+    limits = {"the_turn": {"velocity": 5.0, "acceleration": 20.0, "torque": 100.0}}
+    robot = {"model": str(tmp_path / "whole.xml"), "tool": "the_tool", "limits": limits}
+    config = scene(objects={"box": FLAT}, robot_keys=robot, length=0.3)
+    model = SceneBuilder(config, Gains(*np.ones((3, 1)), POSITION_VELOCITY), 0.001).rigid()
+    assert model.jnt_range[0] == pytest.approx([-0.5, 0.5], rel=1e-3)
+
+
 # What a trial depends on ----------------------------------------------------------------------------------
 
 

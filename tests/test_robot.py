@@ -400,6 +400,12 @@ def world(text: str) -> str:
     return f"<mujoco><worldbody><body>{text}</body></worldbody></mujoco>"
 
 
+def test_what_xacro_left_in_comments_does_no_harm(tmp_path: Path) -> None:
+    text = (FIXTURES / "two_links.urdf").read_text()
+    (tmp_path / "arm.urdf").write_text(text.replace("</robot>", "<!-- $(find arm) ${prefix} --></robot>"))
+    assert load({"model": "arm.urdf", "tool": "tool", "limits": URDF_LIMITS}, folder=tmp_path).n == 2
+
+
 def test_what_tendons_do_and_no_plan_knows_is_noted(tmp_path: Path) -> None:
     tendons = "<tendon>{}</tendon>"
     joint = "<joint joint='elbow' coef='1'/>"

@@ -17,7 +17,7 @@ from robustopt.config import Config, with_values
 from robustopt.problem import TimeScalingProblem, build_problem
 from robustopt.problem.rows import evaluate
 from robustopt.timescaling import Plan, Status, solve
-from robustopt.timescaling.plan import duration_of, interval_ends
+from robustopt.timescaling.plan import duration_of, interval_ends, timing
 from robustopt.timescaling.reachability import passes, solve_reachability
 
 METHODS = ("reachability", "ipopt")
@@ -111,6 +111,11 @@ def test_solving_twice_gives_the_same_plan() -> None:
 def test_the_configuration_chooses_the_method() -> None:
     assert solve(problem_of("one_block", 60)).method == "ipopt"
     assert solve(problem_of("one_block", 60, "solver.method=reachability")).method == "reachability"
+
+
+def test_a_robot_that_stands_takes_for_ever_whatever_the_sign_of_its_zero() -> None:
+    for still in (0.0, -0.0):
+        assert timing(np.array([1.0]), np.full(2, still))[0] == np.inf
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -196,6 +196,9 @@ class SceneBuilder:
             joint.actfrclimited, joint.actfrcrange = True, [-limits.torque[i], limits.torque[i]]
             joint.actgravcomp = True
             unit = np.pi / 180 if spec.compiler.degree and self.robot.hinges[i] else 1.0
+            if np.any(joint.range):  # files can be put together of parts with units of their own
+                end = int(np.argmax(np.abs(joint.range)))
+                unit = self.robot.ranges[i, end] / joint.range[end]
             joint.range, joint.margin = np.array([limits.lower[i], limits.upper[i]]) / unit, 0.0
             joint.limited = bool(np.isfinite(joint.range).all())
             joint.frictionloss = limits.dry_friction[i]

@@ -49,8 +49,8 @@ class ArmDynamics:
 class Links:
     """What an arm and a robot on its feet have in common: links without actuators, joints and their limits.
 
-    `hinges` (n,): whether a joint turns (or slides). `spec`: the links, to be copied and added to. `notes`: what of the
-    model file was left out.
+    `hinges` (n,): whether a joint turns (or slides). `ranges` (n, 2): of the joints in the model file [rad or m].
+    `spec`: the links, to be copied and added to. `notes`: what of the model file was left out.
     """
 
     def __init__(self, spec: mujoco.MjSpec, model: mujoco.MjModel, limits: JointLimits, notes: tuple[str, ...]) -> None:
@@ -60,6 +60,7 @@ class Links:
         self.n = model.nv
         self.limits = limits
         self.hinges = model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE
+        self.ranges = model.jnt_range.copy()
         self.notes = notes
         self._model = model
         self._data = mujoco.MjData(model)

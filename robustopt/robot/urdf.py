@@ -35,7 +35,7 @@ def read_urdf(file: Path, resolve_package: Callable[[str], Path | None]) -> tupl
         root = ET.fromstring(text)
     except ET.ParseError as error:
         raise ValueError(f"not well-formed XML: {error}{XACRO if 'xacro:' in text else ''}") from error
-    if "${" in text or "$(" in text:
+    if any("${" in value or "$(" in value for item in root.iter() for value in item.attrib.values()):
         raise ValueError(f"found variables of xacro{XACRO}")
     without: list[tuple[str, str]] = []
     for link in root.iter("link"):

@@ -80,9 +80,9 @@ def controls_of(ds: Array, x: Array) -> Array:
 def timing(ds, x):  # type: ignore[no-untyped-def]
     """Duration and controls of a timing."""
     duration, u = 0.0, np.zeros(len(ds))
-    speed = np.sqrt(max(x[0], 0.0))
+    speed = np.sqrt(x[0]) if x[0] > 0.0 else 0.0
     for i in range(len(ds)):
-        before, speed = speed, np.sqrt(max(x[i + 1], 0.0))
+        before, speed = speed, np.sqrt(x[i + 1]) if x[i + 1] > 0.0 else 0.0
         if ds[i] > 0.0:
             duration += 2.0 * ds[i] / (before + speed)
             u[i] = (x[i + 1] - x[i]) / (2.0 * ds[i])

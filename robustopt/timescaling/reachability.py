@@ -45,7 +45,7 @@ def solve_reachability(problem: TimeScalingProblem) -> Plan:
         if after < duration:
             x, u, duration = better, controls_of(problem.ds, better), after
         gap = min(gap, 1.0 - (after - left) / duration)
-    if duration == np.inf:
+    if not duration < np.inf:
         return _stuck(problem, int(np.argmax((x[:-1] + x[1:] == 0.0) & (problem.ds > 0))), began)
     statistics = {"solver_seconds": time.perf_counter() - began, "optimality_gap": gap, "polished": float(polished)}
     return timed_plan(problem, x, u, duration, "reachability", statistics)
