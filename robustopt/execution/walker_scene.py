@@ -217,7 +217,7 @@ class WalkerScene:
 
 
 def _set_options(spec: mujoco.MjSpec, timestep: float) -> None:
-    """Contacts as the model file has them, no air; cones, solver and integrator as the fidelity of the task needs."""
+    """Contacts as the model file has them; cones, solver and integrator as the fidelity of the task needs them."""
     option = spec.option
     option.timestep = timestep
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -225,7 +225,6 @@ def _set_options(spec: mujoco.MjSpec, timestep: float) -> None:
     option.solver = mujoco.mjtSolver.mjSOL_NEWTON
     option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     option.impratio = IMPEDANCE_RATIO
-    option.density = option.viscosity = 0.0
     option.iterations, option.noslip_iterations = ITERATIONS, 0
     option.disableflags, option.enableflags = int(mujoco.mjtDisableBit.mjDSBL_AUTORESET), 0
 
