@@ -27,6 +27,7 @@ from robustopt.commands import (
 )
 from robustopt.errors import ConfigError, RobustOptError
 from robustopt.interruption import INTERRUPTED, Kept, interruptions, on_interrupt
+from robustopt.processes import end_processes
 from robustopt.terminal import fail, print_json, show, show_runs
 
 if TYPE_CHECKING:
@@ -324,7 +325,8 @@ def main() -> None:
     if code == INTERRUPTED:  # at once: what was interrupted inside a library may complain when it is torn down
         signal.signal(signal.SIGINT, signal.SIG_DFL)
         with suppress(Exception):
-            atexit._run_exitfuncs()  # ends worker processes, which would complain of being left alone
+            end_processes()
+            atexit._run_exitfuncs()
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import signal
+import threading
+from collections.abc import Generator
+from contextlib import contextmanager
+
 INTERRUPTED = 130
 """Exit code of a command that was interrupted."""
 
@@ -23,3 +28,26 @@ def stop_if_interrupted() -> None:
     """Stop where a library has swallowed the KeyboardInterrupt of Ctrl-C, as CasADi does."""
     if interruptions:
         raise KeyboardInterrupt
+
+
+@contextmanager
+def held() -> Generator[list[int], None, None]:
+    """Let interruptions wait until the end of this block; yields the signals that came, as they come.
+
+    For what must not be left half done, and for libraries that do not bear an exception in their midst.
+    """
+    came: list[int] = []
+    if threading.current_thread() is not threading.main_thread():
+        yield came
+        return
+    handlers = {
+        number: signal.signal(number, lambda number, _frame: came.append(number))
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield came
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        for signal_number in came:
+            signal.raise_signal(signal_number)

@@ -4,10 +4,16 @@ from __future__ import annotations
 
 import gc
 import os
+import signal
+import sys
+import warnings
 from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager
+from multiprocessing import resource_tracker
 from typing import Any, TypeVar
 
 from robustopt.errors import RobustOptError
+from robustopt.interruption import held
 
 T = TypeVar("T")
 
@@ -30,13 +36,20 @@ def in_processes(
     from joblib import Parallel, delayed
     from joblib.externals.loky.process_executor import TerminatedWorkerError
 
+    resource_tracker.ensure_running()  # begun with the first worker it would let the second hear Ctrl-C again
     done = 0
     for attempt in range(RETRIES + 1):
         parallel: Any = Parallel(n_jobs=processes, return_as="generator", pre_dispatch=processes)
+        results: Generator[T, None, None] = (_ for _ in ())
         try:
-            for result in parallel(delayed(call)(*task) for task in tasks[done:]):
+            with held(), _deaf_children():
+                results = parallel(delayed(call)(*task) for task in tasks[done:])
+            while done < len(tasks):
+                result = next(results)
                 done += 1
                 yield result
+            with held():
+                next(results, None)  # joblib frees what it kept for these tasks
             return
         except TerminatedWorkerError as error:
             if attempt == RETRIES:
@@ -45,13 +58,28 @@ def in_processes(
                     f"{done} of {len(tasks)} parts of the work were done. Fewer workers need less memory."
                 ) from error
         except (GeneratorExit, KeyboardInterrupt):
-            _end_processes()
+            with held(), warnings.catch_warnings(action="ignore"):  # joblib would tell the user to ask for less
+                results.close()
+            end_processes()
             raise
 
 
-def _end_processes() -> None:
-    """End the worker processes of joblib and free their locks, which would else be reported as leaks at the exit."""
+@contextmanager
+def _deaf_children() -> Generator[None, None, None]:
+    """Processes begun in this block do not hear Ctrl-C, which a terminal sends to all: this process ends them."""
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+
+
+def end_processes() -> None:
+    """End the workers of this process, if it has any, and free their locks, which would else be reported as leaks."""
+    if "joblib" not in sys.modules:
+        return
     from joblib.externals.loky import get_reusable_executor
 
-    get_reusable_executor(reuse=True).shutdown(wait=True, kill_workers=True)
-    gc.collect()
+    with held():
+        get_reusable_executor(reuse=True).shutdown(wait=True, kill_workers=True)
+        gc.collect()

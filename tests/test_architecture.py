@@ -11,6 +11,7 @@ PACKAGE = Path(__file__).parent.parent / "robustopt"
 
 LAYERS = [
     ["errors", "models", "tasks"],
+    ["interruption"],
     ["processes"],
     ["config/document", "config/section"],
     ["config/execution_model", "config/learning_model"],
@@ -60,7 +61,6 @@ LAYERS = [
     ["tables", "plotting"],
     ["report"],
     ["terminal"],
-    ["interruption"],
     ["commands"],
     ["cli"],
     ["__main__"],

@@ -14,6 +14,7 @@ import casadi as ca
 import numpy as np
 from scipy import sparse
 
+from robustopt.interruption import held
 from robustopt.problem import TimeScalingProblem
 from robustopt.problem.rows import TorqueFamily
 from robustopt.timescaling.plan import Plan, Status, duration_of, failed_plan, solved_plan
@@ -34,6 +35,7 @@ OPTIONS = {
     "ipopt.bound_relax_factor": 1e-10,
     "ipopt.jac_d_constant": "yes",
     "ipopt.max_iter": 500,
+    "iteration_callback_step": 5,
 }
 
 
@@ -49,8 +51,6 @@ def solve_ipopt(problem: TimeScalingProblem, guess: Array | None = None) -> Plan
     scale = np.where(feasible_x > 0, feasible_x, problem.x_max)
     x, outcome, iterations = _minimise(problem, feasible_x if guess is None else guess, scale, OPTIONS)
     figures = {"solver_seconds": time.perf_counter() - began, "ipopt_iterations": float(iterations)}
-    if outcome == "User_Requested_Stop":  # what CasADi makes of Ctrl-C
-        raise KeyboardInterrupt
     if outcome not in ("Solve_Succeeded", "Solved_To_Acceptable_Level"):
         status = Status.ITERATION_LIMIT if outcome == "Maximum_Iterations_Exceeded" else Status.FAILED
         return failed_plan(problem, status, "ipopt", f"{status.sentence} Ipopt says {outcome}.", -1, figures)
@@ -72,14 +72,39 @@ def _minimise(
     variable, matrix = part * ca.DM(size), ca.DM(rows.multiply(size).tocsc())
     full, root = _spread(variable, free, problem), _spread(ca.sqrt(variable), free, problem)
     objective = _objective(problem, full, root, problem.config.solver.cost) / duration_of(problem.ds, scale)
-    solver = ca.nlpsol("outer", "ipopt", {"x": part, "f": objective, "g": matrix @ part}, options)
     upper = problem.x_max[free] / size
     start = np.clip(guess[free] / size, 10 * SMALLEST_X, 0.999 * upper)
-    answer = solver(x0=start, lbx=SMALLEST_X, ubx=upper, lbg=-np.inf, ubg=right)
+    with held() as interruptions:
+        stop = _Stop(len(free), len(right), interruptions)
+        program = {"x": part, "f": objective, "g": matrix @ part}
+        solver = ca.nlpsol("outer", "ipopt", program, {**options, "iteration_callback": stop})
+        answer = solver(x0=start, lbx=SMALLEST_X, ubx=upper, lbg=-np.inf, ubg=right)
     result = np.zeros(len(problem.s))
     result[free] = size * np.clip(np.array(answer["x"]).ravel(), 0.0, upper)
     stats = solver.stats()
     return result, str(stats["return_status"]), int(stats["iter_count"])
+
+
+class _Stop(ca.Callback):  # type: ignore[misc]
+    """Ends Ipopt within a few iterations once an interruption has come; an exception in its midst it would report."""
+
+    def __init__(self, variables: int, rows: int, interruptions: list[int]) -> None:
+        super().__init__()
+        self._sizes = {"x": variables, "lam_x": variables, "g": rows, "lam_g": rows, "f": 1}
+        self._interruptions = interruptions
+        self.construct("stop", {})
+
+    def get_n_in(self) -> int:
+        return int(ca.nlpsol_n_out())
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        return ca.Sparsity.dense(self._sizes.get(ca.nlpsol_out(i), 0))
+
+    def get_name_in(self, i: int) -> str:
+        return str(ca.nlpsol_out(i))
+
+    def eval(self, _outputs: list[ca.DM]) -> list[int]:
+        return [bool(self._interruptions)]
 
 
 def _rows(problem: TimeScalingProblem, free: Array) -> tuple[sparse.csc_matrix, Array]:

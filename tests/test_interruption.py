@@ -1,0 +1,95 @@
+"""What an interruption must not leave half done, and where it must be heard at once."""
+
+import os
+import signal
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from robustopt import interruption
+from robustopt.config import load_config
+from robustopt.errors import SimulationFailed
+from robustopt.interruption import held
+from robustopt.problem import build_problem
+from robustopt.processes import end_processes, in_processes
+from robustopt.timescaling import solve
+
+CONFIGS = Path(__file__).parent.parent / "configs"
+
+
+def _later(seconds: float) -> threading.Timer:
+    timer = threading.Timer(seconds, lambda: os.kill(os.getpid(), signal.SIGINT))
+    timer.start()
+    return timer
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interruption_waits_until_the_end_of_what_must_not_be_left_half_done(number, monkeypatch):
+    monkeypatch.setattr(interruption, "interruptions", [])
+    previous = signal.signal(number, interruption.on_interrupt)
+    done = []
+
+    def work():
+        with held() as came:
+            signal.raise_signal(number)
+            done.extend(came)
+
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            work()
+        assert signal.getsignal(number) is interruption.on_interrupt
+    finally:
+        signal.signal(number, previous)
+    assert done == [number]
+    assert interruption.interruptions == [number]
+
+
+def test_other_threads_and_quiet_blocks_are_not_concerned():
+    handler = signal.getsignal(signal.SIGINT)
+    seen = []
+
+    def work():
+        with held() as came:
+            seen.append((came, signal.getsignal(signal.SIGINT)))
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert seen == [([], handler)]
+    with held() as came:
+        assert signal.getsignal(signal.SIGINT) is not handler
+    assert (came, signal.getsignal(signal.SIGINT)) == ([], handler)
+
+
+def _deaf(_number: int) -> tuple[int, bool]:
+    time.sleep(0.2)  # so that both workers get some
+    return os.getpid(), signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, [])
+
+
+def test_workers_do_not_hear_the_interruption_of_a_terminal():
+    end_processes()
+    told = list(in_processes(_deaf, [(k,) for k in range(8)], 2, SimulationFailed))
+    assert len({pid for pid, _ in told}) == 2
+    assert all(deaf for _, deaf in told)
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])
+    end_processes()
+    for pid, _ in told:
+        with pytest.raises(ProcessLookupError):
+            os.kill(pid, 0)
+
+
+def test_ipopt_stops_soon_and_says_nothing_of_its_own(capfd):
+    changes = ["solver.method=ipopt", "solver.collocation_points=2000"]
+    problem = build_problem(load_config(CONFIGS / "waiter_two_blocks.yaml", changes))
+    began = time.perf_counter()
+    plan = solve(problem)
+    whole = time.perf_counter() - began
+    timer = _later(0.3 * whole)
+    with pytest.raises(KeyboardInterrupt):
+        solve(problem)
+    timer.join()
+    assert capfd.readouterr() == ("", "")
+    assert np.isfinite(plan.duration)
