@@ -546,6 +546,28 @@ def test_default_gains_are_stable_for_joints_whose_axes_fall_together():
     assert _stable_part(largest, matrices, 0.02).tolist() == largest.tolist(), "too long a time step is not mended"
 
 
+def test_default_gains_count_how_what_is_carried_turns():
+    """A light turntable under a load that is not above its axis: I = 0.1 of the table, tray and block by hand."""
+    block = {"shape": "box", "size": [0.2, 0.1, 0.3], "mass": 1.5, "at": [0.1, -0.05], "yaw": 0.3}
+    config = scene("gantry", {"block": block}, joints=[[0, 0, 0, 0], [0, 0, 0, 1]], execution={})
+    inertia = 0.1 + (0.6**2 + 0.6**2) / 12 + 1.5 * ((0.2**2 + 0.1**2) / 12 + 0.1**2 + 0.05**2)
+    plan = plan_of(config)
+    gains = gains_of(config, plan.problem.robot, np.zeros((1, 4)))
+    assert gains.kp == pytest.approx(np.array([12.5, 8.5, 5.5, inertia]) * BANDWIDTH**2)
+    doubts = {"mass": {"block": [0.5, 1.6]}, "center_of_mass": {"block": [0.02, 0.02, 0.1]}}
+    uncertain = scene("gantry", {"block": block}, joints=config.path.joints, execution={}, uncertainty=doubts)
+    assert gains_of(uncertain, plan.problem.robot, np.zeros((1, 4))).kp.tolist() == gains.kp.tolist()
+
+
+def test_a_load_much_heavier_than_the_robot_is_carried_with_default_gains():
+    load = {"shape": "box", "size": [0.4, 0.4, 0.05], "mass": 100.0, "on": "tray"}
+    world = {"truth": {"friction": 0.42}}
+    config = scene(objects={"load": load}, contact={"friction": 0.4}, execution=FOLLOW | world)
+    executions = execute(config, plan_of(config), trials=1)
+    assert executions.success_rate == 1.0
+    assert executions.outcomes[0].tracking_error < 1e-3
+
+
 def test_an_arm_like_a_shoulder_elbow_and_wrist_is_driven_with_default_gains():
     straight = [[0.0, 0.3, 0.0, 0.05, 0.0, -0.35, 0.0], [0.4, 0.2, 0.0, 0.05, 0.0, -0.25, 0.0]]
     level, friction = {"pose": {"rpy": [-np.pi / 2, 0.0, 0.0]}}, {"friction": 0.5}

@@ -30,6 +30,7 @@ from robustopt.config.model import (
     StanceConfig,
     TrayConfig,
     TrayPose,
+    UncertaintyConfig,
 )
 from robustopt.config.section import AccelerationError, Pose
 from robustopt.config.validate import validate, with_sections
@@ -56,6 +57,7 @@ __all__ = [
     "TrayConfig",
     "TrayPose",
     "TruthConfig",
+    "UncertaintyConfig",
     "VariationConfig",
     "dump",
     "load_config",

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from robustopt.config import BASE_COORDINATES as BASE
-from robustopt.config import Config
+from robustopt.config import Config, UncertaintyConfig
 from robustopt.errors import ConfigError
+from robustopt.problem.uncertainty import Body, bodies, regressor
 from robustopt.robot import Robot
 from robustopt.robot.model_file import load_model
 from robustopt.robot.walker import Walker
@@ -244,15 +245,16 @@ def _default_gains(
 def _stable_part(largest: Array, matrices: Array, h: float) -> Array:
     """Inertia of each joint of an arm that default gains may be made from, (m,).
 
-    Joints that move much the same, such as two of a shoulder whose axes fall together, have little inertia against each
-    other: gains as for all of it would be unstable (see `require_stable`), however sound each joint by itself. So of
-    each joint at most a multiple of what is left of it counts when all others give way: the largest multiple with which
-    the controller goes no more than `STABILITY` of the way. With m joints, STABILITY / m of the limit of each alone is
+    Gains that suit a load many times heavier than what moves it are unstable without it: objects slide. And joints
+    that move much the same, such as two of a shoulder whose axes fall together, have little inertia against each other:
+    gains as for all of it would be unstable (see `require_stable`), however sound each joint by itself. So of each
+    joint at most a multiple of what is left of it counts when all others give way: the largest multiple with which the
+    controller goes no more than `STABILITY` of the way. With m joints, STABILITY / m of the limit of each alone is
     always stable: the matrices are at least 1 / m of the diagonal of what is left. kp and kd shrink alike, so a joint
     of which a part f counts has a damping ratio of sqrt(f); a shorter time step leaves more.
 
     largest: inertia of each joint, loaded (m,); matrices: of the joints along the path, unloaded (P, m, m); h: time
-    step [s]. A time step that is too long for the joints by themselves changes nothing: it is for the user to mend.
+    step [s]. A time step that is too long for the bandwidth changes nothing: it is for the user to mend.
     """
     flexibility = np.linalg.inv(matrices)
     alone = 1.0 / np.diagonal(flexibility, axis1=1, axis2=2).max(axis=0)
@@ -263,8 +265,7 @@ def _stable_part(largest: Array, matrices: Array, h: float) -> Array:
         return float(np.linalg.eigvalsh(root[:, None] * flexibility * root).max())
 
     low, high = STABILITY / (stiffness * len(largest)), float((largest / alone).max())
-    by_itself = stiffness * largest / np.diagonal(matrices, axis1=1, axis2=2).min(axis=0)
-    if by_itself.max() >= 1 or reached(high) <= STABILITY:
+    if stiffness >= 1 or reached(high) <= STABILITY:
         return largest
     for _ in range(40):
         middle = np.sqrt(low * high)
@@ -280,10 +281,17 @@ def _inertia_on_feet(robot: Walker, q: Array) -> Array:
 
 def _inertia(config: Config, robot: Robot, q: Array) -> tuple[Array, Array]:
     """At joint positions q (P, n) of an arm: largest diagonal of the mass matrix with all that it carries (n,), and
-    the mass matrices with the tray alone (P, n, n); what is carried counts as a mass at the tray's origin."""
+    the mass matrices with the tray alone (P, n, n)."""
     arm = robot.dynamics(q, np.zeros_like(q), np.zeros_like(q))
-    tray, load = config.carried_tray.mass, sum(item.mass for item in config.objects.values())
-    J = arm.jacobian[:, :3]
-    carried = (tray + load) * np.sum(J**2, axis=1)
-    largest = (np.diagonal(arm.mass_matrix, axis1=1, axis2=2) + carried).max(axis=0)
-    return np.asarray(largest), np.asarray(arm.mass_matrix + tray * np.swapaxes(J, 1, 2) @ J)
+    known = config.model_copy(update={"uncertainty": UncertaintyConfig()})
+    carried = {name: _spatial_inertia(body) for name, body in bodies(known).items()}
+    J, turned = arm.jacobian, np.swapaxes(arm.jacobian, 1, 2)
+    loaded = arm.mass_matrix + turned @ sum(carried.values()) @ J
+    largest = np.diagonal(loaded, axis1=1, axis2=2).max(axis=0)
+    return np.asarray(largest), np.asarray(arm.mass_matrix + turned @ carried["tray"] @ J)
+
+
+def _spatial_inertia(body: Body) -> Array:
+    """Wrench about the tray's origin per acceleration of the tray, both linear then angular, (6, 6)."""
+    unit = np.eye(6)
+    return np.asarray((regressor(unit[:, :3], unit[:, 3:]) @ body.nominal).T)
