@@ -508,6 +508,8 @@ def test_a_missing_csv_file_is_named() -> None:
 def test_repeated_and_misshapen_waypoints_are_errors() -> None:
     rest = [0.0, 0.0, 0.0, 0.0]
     assert "path.joints[1]: repeats joints[0]" in refused({"joints": [rest, rest, [1, 0, 0, 0]]})
+    nearly = [1.0 + 5e-7, 0, 0, 0]
+    assert "path.joints[2]: repeats joints[1]" in refused({"joints": [rest, [1, 0, 0, 0], nearly, [2, 0, 0, 0]]})
     message = refused({"joints": [rest, [1, 0, 0], [1, 0, 0, 0, 0]]})
     assert "path.joints[1]: has 3 values; the robot has 4 joints" in message
     assert "path.joints[2]: has 5 values" in message
