@@ -2,6 +2,8 @@
 
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -26,7 +28,7 @@ def _later(seconds: float) -> threading.Timer:
     return timer
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", interruption.STOPS)
 def test_an_interruption_waits_until_the_end_of_what_must_not_be_left_half_done(number, monkeypatch):
     monkeypatch.setattr(interruption, "interruptions", [])
     previous = signal.signal(number, interruption.on_interrupt)
@@ -93,3 +95,53 @@ def test_ipopt_stops_soon_and_says_nothing_of_its_own(capfd):
     timer.join()
     assert capfd.readouterr() == ("", "")
     assert np.isfinite(plan.duration)
+
+
+@pytest.mark.parametrize("handler", [signal.SIG_IGN, lambda *_: None], ids=["ignored", "handled"])
+def test_ipopt_goes_on_where_the_program_does_not_stop(handler):
+    changes = ["solver.method=ipopt", "solver.collocation_points=1000"]
+    problem = build_problem(load_config(CONFIGS / "waiter_one_block.yaml", changes))
+    began = time.perf_counter()
+    plan = solve(problem)
+    previous = signal.signal(signal.SIGINT, handler)
+    try:
+        timer = _later(0.3 * (time.perf_counter() - began))
+        again = solve(problem)
+        timer.join()
+    finally:
+        signal.signal(signal.SIGINT, previous)
+    assert again.status is plan.status
+    assert np.array_equal(again.x, plan.x)
+
+
+ORPHANS = """
+import os, sys, time
+from robustopt.errors import SimulationFailed
+from robustopt.processes import in_processes
+
+def work(k):
+    time.sleep(0.3)
+    return os.getpid()
+
+for pid in in_processes(work, [(k,) for k in range(1000)], 2, SimulationFailed):
+    print(pid, flush=True)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGHUP])
+def test_workers_end_when_the_process_that_began_them_is_killed(tmp_path, number):
+    (tmp_path / "work.py").write_text(ORPHANS, encoding="utf-8")
+    process = subprocess.Popen(
+        [sys.executable, "work.py"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    )
+    assert process.stdout is not None
+    pids = {int(process.stdout.readline()) for _ in range(6)}
+    process.send_signal(number)
+    assert process.wait() == -number
+    process.stdout.close()
+    left, deadline = pids, time.monotonic() + 30
+    while left and time.monotonic() < deadline:
+        time.sleep(0.1)
+        left = {pid for pid in left if Path(f"/proc/{pid}").exists()}
+    assert pids
+    assert not left
