@@ -26,7 +26,7 @@ from robustopt.commands import (
     print_dry_run,
 )
 from robustopt.errors import ConfigError, RobustOptError
-from robustopt.interruption import INTERRUPTED, Kept, interruptions, on_interrupt
+from robustopt.interruption import INTERRUPTED, STOPS, Kept, interruptions, on_interrupt
 from robustopt.processes import end_processes
 from robustopt.terminal import fail, print_json, show, show_runs
 
@@ -293,6 +293,7 @@ def run(arguments: Sequence[str]) -> int:
     json = "--json" in arguments
     try:
         code = app(list(arguments), prog_name="robustopt", standalone_mode=False) or 0
+        _flush_output()
         return fail("Interrupted", _INTERRUPTED, code, json) if _nothing_kept(code) else int(code)
     except RobustOptError as error:
         if interruptions:
@@ -301,6 +302,14 @@ def run(arguments: Sequence[str]) -> int:
         return fail(type(error).__name__, str(error), error.exit_code, json, problems)
     except (KeyboardInterrupt, typer.Abort):
         return fail("Interrupted", _INTERRUPTED, INTERRUPTED, json)
+    except OSError as error:
+        if interruptions:
+            return fail("Interrupted", _INTERRUPTED, INTERRUPTED, json)
+        if isinstance(error, BrokenPipeError):  # who reads has read enough
+            return 1
+        what = error.filename or "what the command prints cannot be written"
+        in_words = f"{what}: {error.strerror or error}"
+        return fail("OSError", in_words, 2, json=False)  # not to standard output, which may be what failed
     except Exception as error:
         if interruptions:  # an extension module whose import or call is interrupted raises something else
             return fail("Interrupted", _INTERRUPTED, INTERRUPTED, json)
@@ -310,24 +319,41 @@ def run(arguments: Sequence[str]) -> int:
         return fail("UsageError", f"{message().rstrip('.')}; see robustopt --help", 2, json)
 
 
+def _flush_output() -> None:
+    if sys.stdout is not None:  # as it is where it was closed before
+        sys.stdout.flush()
+
+
+def _give_up_output() -> None:
+    """Drop what cannot be printed, of which Python would complain at its end."""
+    try:
+        _flush_output()
+    except OSError:
+        with open(os.devnull, "w") as nothing:
+            os.dup2(nothing.fileno(), sys.stdout.fileno())
+
+
 def main() -> None:
     """Entry point of the command `robustopt`.
 
     One thread for linear algebra: the matrices are small, and sums are then the same on every machine load.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, on_interrupt)
+    for number in STOPS:
+        if number == signal.SIGINT or signal.getsignal(number) is not signal.SIG_IGN:  # nohup ignores SIGHUP
+            signal.signal(number, on_interrupt)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
-    code = run(sys.argv[1:])
+    try:
+        code = run(sys.argv[1:])
+    except KeyboardInterrupt:  # once more, while the first one was being reported
+        code = INTERRUPTED
+    _give_up_output()
     if code == INTERRUPTED:  # at once: what was interrupted inside a library may complain when it is torn down
         signal.signal(signal.SIGINT, signal.SIG_DFL)
         with suppress(Exception):
             end_processes()
             atexit._run_exitfuncs()
-        sys.stdout.flush()
-        sys.stderr.flush()
         os._exit(code)
     sys.exit(code)

@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -134,6 +135,19 @@ def test_folders_that_a_killed_process_left_are_removed_by_the_next_run_beside_t
     writing[1].communicate()
     assert writing[1].returncode == 0
     assert (tmp_path / "alive" / "file").read_text() == "x"
+
+
+def test_a_second_interruption_does_not_stop_the_cleaning_up(tmp_path, monkeypatch):
+    remove = store.shutil.rmtree
+
+    def interrupted(*arguments, **options):
+        signal.raise_signal(signal.SIGINT)
+        remove(*arguments, **options)
+
+    monkeypatch.setattr(store.shutil, "rmtree", interrupted)
+    with pytest.raises(KeyboardInterrupt), new_run("task", root=tmp_path):
+        raise KeyboardInterrupt
+    assert not list(tmp_path.rglob("*"))
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError, SystemExit])

@@ -11,7 +11,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields, is_dataclass
 from datetime import UTC, datetime
 from importlib import metadata
@@ -22,6 +22,7 @@ from typing import Any
 from robustopt import __version__
 from robustopt.config import Config, dump
 from robustopt.errors import RunFolderError
+from robustopt.interruption import held
 
 PROVENANCE, CONFIG, SUMMARY, JOURNAL = "provenance.json", "config.yaml", "summary.json", "journal.db"
 
@@ -234,14 +235,12 @@ def _is_alive(process: int) -> bool:
 
 def _remove(made: Sequence[Path]) -> None:
     """Take back what was made: the hidden folder with all in it, and folders above it that are empty."""
-    for folder in reversed(made):
-        if _mark() in folder.name:
-            shutil.rmtree(folder, ignore_errors=True)
-        else:
-            try:
+    with held(), suppress(OSError):
+        for folder in reversed(made):
+            if _mark() in folder.name:
+                shutil.rmtree(folder, ignore_errors=True)
+            else:
                 folder.rmdir()
-            except OSError:
-                return
 
 
 def flush(folder: Path) -> None:
