@@ -24,6 +24,7 @@ from robustopt.commands import (
     learn_task,
     make_plan,
     print_dry_run,
+    stored_summary,
 )
 from robustopt.errors import ConfigError, RobustOptError
 from robustopt.interruption import INTERRUPTED, STOPS, Kept, interruptions, on_interrupt
@@ -251,9 +252,7 @@ def report(
     quiet: Quiet = False,
 ) -> int:
     """Print the summary of a stored run."""
-    from robustopt.runs.store import read_summary
-
-    data = read_summary(run)
+    data = stored_summary(run)
     show(data, run, json, quiet)
     return 0
 

@@ -93,7 +93,7 @@ def read_summary(folder: Path) -> dict[str, Any]:
     if not is_run(folder):
         raise RunFolderError(f"{folder}: not a run folder of robustopt; expected {SUMMARY}, {CONFIG} and {PROVENANCE}")
     try:
-        summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
+        summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8-sig"))
     except (OSError, ValueError) as error:
         raise RunFolderError(f"{folder / SUMMARY}: cannot be read: {error}") from None
     if not isinstance(summary, dict):
@@ -101,6 +101,9 @@ def read_summary(folder: Path) -> dict[str, Any]:
     missing = [key for key in ("name", "status") if not isinstance(summary.get(key), str)]
     if missing:
         raise RunFolderError(f"{folder / SUMMARY}: {' and '.join(missing)} missing; the file has been changed")
+    duration = summary.get("duration")
+    if isinstance(duration, bool) or not isinstance(duration, int | float | None):
+        raise RunFolderError(f"{folder / SUMMARY}: the duration is no number; the file has been changed")
     return summary
 
 
