@@ -241,3 +241,11 @@ def test_a_folder_that_is_no_run_is_not_read(tmp_path):
     (tmp_path / SUMMARY).write_text("{")
     with pytest.raises(RunFolderError, match="cannot be read"):
         read_summary(tmp_path)
+
+
+def test_arguments_that_are_no_text_for_the_system_are_kept(tmp_path):
+    given = ("täsk.yaml".encode(), b"\xe4")  # in a locale of ASCII; in another encoding
+    arguments = ["plan", *(name.decode("ascii", "surrogateescape") for name in given)]
+    write_origin(tmp_path, config(), MODEL, arguments)
+    origin = json.loads((tmp_path / PROVENANCE).read_text(encoding="utf-8"))
+    assert origin["arguments"] == ["robustopt", "plan", "täsk.yaml", "\ufffd"]

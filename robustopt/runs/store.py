@@ -141,7 +141,7 @@ def provenance(config: Config, text: str, model_file: Path, arguments: Sequence[
     """What it takes to make a run again: versions, commit, configuration, robot, seed, arguments, machine."""
     return {
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "arguments": ["robustopt", *arguments],
+        "arguments": ["robustopt", *map(_as_text, arguments)],
         "seed": config.seed,
         "config_sha256": hashlib.sha256(text.encode()).hexdigest(),
         "robot_model": {"name": config.robot.model, "sha256": hashlib.sha256(model_file.read_bytes()).hexdigest()},
@@ -154,6 +154,11 @@ def provenance(config: Config, text: str, model_file: Path, arguments: Sequence[
             "cpus": os.cpu_count(),
         },
     }
+
+
+def _as_text(argument: str) -> str:
+    """An argument as UTF-8, where the system has given bytes that are no text in its own encoding."""
+    return argument.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
 
 
 def _versions() -> dict[str, str | None]:
