@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
@@ -322,12 +322,18 @@ def main() -> None:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
     code = run(sys.argv[1:])
-    if code == INTERRUPTED:  # at once: what was interrupted inside a library may complain when it is torn down
+    if code == INTERRUPTED:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
-        with suppress(Exception):
-            end_processes()
-            atexit._run_exitfuncs()
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(code)
-    sys.exit(code)
+    _leave(code)
+
+
+def _leave(code: int) -> NoReturn:
+    """End this process at once: taking down all that was imported takes as long as a plan, and what was interrupted
+    inside a library may complain of it."""
+    with suppress(Exception):
+        end_processes()
+        atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError):
+            stream.flush()
+    os._exit(code)
