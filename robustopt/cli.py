@@ -26,7 +26,7 @@ from robustopt.commands import (
     print_dry_run,
 )
 from robustopt.errors import ConfigError, RobustOptError
-from robustopt.interruption import INTERRUPTED, Kept, interruptions, on_interrupt
+from robustopt.interruption import INTERRUPTED, Kept, interruptions, on_interrupt, on_unraisable
 from robustopt.processes import end_processes
 from robustopt.terminal import fail, print_json, show, show_runs
 
@@ -318,6 +318,7 @@ def main() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, on_interrupt)
+    sys.unraisablehook = on_unraisable
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 import threading
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -22,6 +23,12 @@ def on_interrupt(signal_number: int, _frame: object) -> None:
     """Handler of the signals that ask a process to stop."""
     interruptions.append(signal_number)
     raise KeyboardInterrupt
+
+
+def on_unraisable(unraisable: sys.UnraisableHookArgs) -> None:
+    """Hook for exceptions that nothing can raise further: says nothing of interruptions, which are remembered."""
+    if not isinstance(unraisable.exc_value, KeyboardInterrupt):
+        sys.__unraisablehook__(unraisable)
 
 
 def stop_if_interrupted() -> None:

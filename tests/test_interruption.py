@@ -2,6 +2,7 @@
 
 import os
 import signal
+import sys
 import threading
 import time
 from pathlib import Path
@@ -62,6 +63,18 @@ def test_other_threads_and_quiet_blocks_are_not_concerned():
     with held() as came:
         assert signal.getsignal(signal.SIGINT) is not handler
     assert (came, signal.getsignal(signal.SIGINT)) == ([], handler)
+
+
+@pytest.mark.parametrize(("error", "told"), [(KeyboardInterrupt(), False), (ValueError("lost"), True)])
+def test_what_cannot_be_raised_is_told_unless_it_is_an_interruption(error, told, monkeypatch, capfd):
+    class Failing:
+        def __del__(self):
+            raise error
+
+    monkeypatch.setattr(sys, "unraisablehook", interruption.on_unraisable)
+    failing = Failing()
+    del failing
+    assert ("lost" in capfd.readouterr().err) == told
 
 
 def _deaf(_number: int) -> tuple[int, bool]:
