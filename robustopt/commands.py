@@ -20,6 +20,15 @@ if TYPE_CHECKING:
     from robustopt.runs.campaign import Learned
 
 
+def check_task(config: Config, silent: bool) -> None:
+    """Raise the error that planning a task would end with before it solves anything."""
+    with status("looking at robot and path", silent):
+        from robustopt.problem import build_problem
+
+        build_problem(config)
+        stop_if_interrupted()
+
+
 def make_plan(config: Config, out: Path | None, certify: Any, figures: bool, json: bool, quiet: bool) -> int:
     """Plan a task into a new run folder."""
     from robustopt.runs.store import new_run
