@@ -27,7 +27,7 @@ from robustopt.commands import (
     print_dry_run,
 )
 from robustopt.errors import ConfigError, RobustOptError
-from robustopt.interruption import INTERRUPTED, Kept, interruptions, on_interrupt, on_unraisable
+from robustopt.interruption import INTERRUPTED, Kept, interruptions, listen
 from robustopt.processes import end_processes
 from robustopt.terminal import fail, print_json, show, show_runs
 
@@ -310,9 +310,7 @@ def main() -> None:
     One thread for linear algebra: the matrices are small, and sums are then the same on every machine load.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, on_interrupt)
-    sys.unraisablehook = on_unraisable
+    listen()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")

@@ -25,10 +25,25 @@ def on_interrupt(signal_number: int, _frame: object) -> None:
     raise KeyboardInterrupt
 
 
-def on_unraisable(unraisable: sys.UnraisableHookArgs) -> None:
-    """Hook for exceptions that nothing can raise further: says nothing of interruptions, which are remembered."""
+def listen() -> None:
+    """Let this process remember interruptions, and say nothing of what they break in callbacks and threads.
+
+    A killed pool of workers, for instance, may miss tasks that were just given to it.
+    """
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, on_interrupt)
+    sys.unraisablehook = _on_unraisable
+    threading.excepthook = _on_thread_error
+
+
+def _on_unraisable(unraisable: sys.UnraisableHookArgs) -> None:
     if not isinstance(unraisable.exc_value, KeyboardInterrupt):
         sys.__unraisablehook__(unraisable)
+
+
+def _on_thread_error(error: threading.ExceptHookArgs) -> None:
+    if not interruptions:
+        threading.__excepthook__(error)
 
 
 def stop_if_interrupted() -> None:
