@@ -7,11 +7,11 @@ import io
 import os
 import signal
 import sys
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
@@ -19,6 +19,7 @@ from robustopt import __version__
 from robustopt.commands import (
     ExecutionOptions,
     LearningOptions,
+    check_task,
     execute_new,
     execute_stored,
     learn_task,
@@ -27,7 +28,7 @@ from robustopt.commands import (
     stored_summary,
 )
 from robustopt.errors import ConfigError, RobustOptError
-from robustopt.interruption import INTERRUPTED, STOPS, Kept, interruptions, on_interrupt
+from robustopt.interruption import INTERRUPTED, Kept, interruptions, listen
 from robustopt.processes import end_processes
 from robustopt.terminal import fail, print_json, show, show_runs
 
@@ -115,15 +116,10 @@ def plan(
 ) -> int:
     """Find the fastest timing of a path that holds for every value in the intervals, and write a run folder."""
     changes = _changes(overrides, method, seed)
-    task = _load(config, changes)
-    try:
+    with _task_of(config, changes) as task:
         if dry_run:
             return print_dry_run(task, json, quiet)
         return make_plan(task, out, certify.value, figures, json, quiet)
-    except ConfigError as error:
-        from robustopt.config import located
-
-        raise located(error, config, changes) from None
 
 
 @app.command()
@@ -162,12 +158,8 @@ def execute(
         os.environ.setdefault("MUJOCO_GL", "egl")
     if task.is_dir():
         return execute_stored(task, changes, out, options)
-    try:
-        return execute_new(_load(task, changes), out, options)
-    except ConfigError as error:
-        from robustopt.config import located
-
-        raise located(error, task, changes) from None
+    with _task_of(task, changes) as config:
+        return execute_new(config, out, options)
 
 
 @app.command()
@@ -209,13 +201,8 @@ def learn(
         return learn_task(None, out, options)
     from robustopt.tasks import PAPER_TASK
 
-    path = path or PAPER_TASK
-    try:
-        return learn_task(_load(path, changes), out, options)
-    except ConfigError as error:
-        from robustopt.config import located
-
-        raise located(error, path, changes) from None
+    with _task_of(path or PAPER_TASK, changes) as config:
+        return learn_task(config, out, options)
 
 
 @app.command()
@@ -236,8 +223,9 @@ def runs(
 
 @app.command()
 def validate(config: ConfigFile, overrides: Overrides = None, json: Json = False, quiet: Quiet = False) -> int:
-    """Check a configuration: every mistake with its place, what was found and what would be right."""
-    task = _load(config, overrides or [])
+    """Check a configuration, its robot and its path: every mistake, where it is, and what would be right."""
+    with _task_of(config, overrides or []) as task:
+        check_task(task, json or quiet)
     if json:
         print_json({"valid": True, "name": task.name})
     elif not quiet:
@@ -274,10 +262,16 @@ def _task(arguments: Sequence[str]) -> tuple[Path | None, list[str]]:
     return None, list(arguments)
 
 
-def _load(path: Path, overrides: Sequence[str]) -> Config:
-    from robustopt.config import load_config
+@contextmanager
+def _task_of(path: Path, overrides: Sequence[str]) -> Iterator[Config]:
+    """The configuration in a file; mistakes that only show in this block get the places of their keys in the file."""
+    from robustopt.config import load_config, located
 
-    return load_config(path, overrides)
+    config = load_config(path, overrides)
+    try:
+        yield config
+    except ConfigError as error:
+        raise located(error, path, overrides) from None
 
 
 # Running --------------------------------------------------------------------------------------------------
@@ -323,24 +317,13 @@ def _flush_output() -> None:
         sys.stdout.flush()
 
 
-def _give_up_output() -> None:
-    """Drop what cannot be printed, of which Python would complain at its end."""
-    try:
-        _flush_output()
-    except OSError:
-        with open(os.devnull, "w") as nothing:
-            os.dup2(nothing.fileno(), sys.stdout.fileno())
-
-
 def main() -> None:
     """Entry point of the command `robustopt`.
 
     One thread for linear algebra: the matrices are small, and sums are then the same on every machine load.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    for number in STOPS:
-        if number == signal.SIGINT or signal.getsignal(number) is not signal.SIG_IGN:  # nohup ignores SIGHUP
-            signal.signal(number, on_interrupt)
+    listen()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
@@ -348,11 +331,19 @@ def main() -> None:
         code = run(sys.argv[1:])
     except KeyboardInterrupt:  # once more, while the first one was being reported
         code = INTERRUPTED
-    _give_up_output()
-    if code == INTERRUPTED:  # at once: what was interrupted inside a library may complain when it is torn down
+    if code == INTERRUPTED:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
-        with suppress(Exception):
-            end_processes()
-            atexit._run_exitfuncs()
-        os._exit(code)
-    sys.exit(code)
+    _leave(code)
+
+
+def _leave(code: int) -> NoReturn:
+    """End this process at once: taking down all that was imported takes as long as a plan, and what was interrupted
+    inside a library may complain of it."""
+    with suppress(Exception):
+        end_processes()
+        atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        if stream is not None:  # as it is where it was closed before
+            with suppress(OSError):
+                stream.flush()
+    os._exit(code)
