@@ -25,6 +25,7 @@ from robustopt.commands import (
     learn_task,
     make_plan,
     print_dry_run,
+    stored_summary,
 )
 from robustopt.errors import ConfigError, RobustOptError
 from robustopt.interruption import INTERRUPTED, Kept, interruptions, listen
@@ -239,9 +240,7 @@ def report(
     quiet: Quiet = False,
 ) -> int:
     """Print the summary of a stored run."""
-    from robustopt.runs.store import read_summary
-
-    data = read_summary(run)
+    data = stored_summary(run)
     show(data, run, json, quiet)
     return 0
 
@@ -287,6 +286,7 @@ def run(arguments: Sequence[str]) -> int:
     json = "--json" in arguments
     try:
         code = app(list(arguments), prog_name="robustopt", standalone_mode=False) or 0
+        _flush_output()
         return fail("Interrupted", _INTERRUPTED, code, json) if _nothing_kept(code) else int(code)
     except RobustOptError as error:
         if interruptions:
@@ -295,6 +295,14 @@ def run(arguments: Sequence[str]) -> int:
         return fail(type(error).__name__, str(error), error.exit_code, json, problems)
     except (KeyboardInterrupt, typer.Abort):
         return fail("Interrupted", _INTERRUPTED, INTERRUPTED, json)
+    except OSError as error:
+        if interruptions:
+            return fail("Interrupted", _INTERRUPTED, INTERRUPTED, json)
+        if isinstance(error, BrokenPipeError):  # who reads has read enough
+            return 1
+        what = error.filename or "what the command prints cannot be written"
+        in_words = f"{what}: {error.strerror or error}"
+        return fail("OSError", in_words, 2, json=False)  # not to standard output, which may be what failed
     except Exception as error:
         if interruptions:  # an extension module whose import or call is interrupted raises something else
             return fail("Interrupted", _INTERRUPTED, INTERRUPTED, json)
@@ -302,6 +310,11 @@ def run(arguments: Sequence[str]) -> int:
         if message is None:
             raise
         return fail("UsageError", f"{message().rstrip('.')}; see robustopt --help", 2, json)
+
+
+def _flush_output() -> None:
+    if sys.stdout is not None:  # as it is where it was closed before
+        sys.stdout.flush()
 
 
 def main() -> None:
@@ -314,7 +327,10 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
-    code = run(sys.argv[1:])
+    try:
+        code = run(sys.argv[1:])
+    except KeyboardInterrupt:  # once more, while the first one was being reported
+        code = INTERRUPTED
     if code == INTERRUPTED:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     _leave(code)
@@ -327,6 +343,7 @@ def _leave(code: int) -> NoReturn:
         end_processes()
         atexit._run_exitfuncs()
     for stream in (sys.stdout, sys.stderr):
-        with suppress(OSError):
-            stream.flush()
+        if stream is not None:  # as it is where it was closed before
+            with suppress(OSError):
+                stream.flush()
     os._exit(code)

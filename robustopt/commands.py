@@ -49,6 +49,30 @@ def make_plan(config: Config, out: Path | None, certify: Any, figures: bool, jso
     return result.exit_code
 
 
+def stored_summary(folder: Path) -> dict[str, Any]:
+    """The summary of a stored run, of which a person can be told.
+
+    Raises RunFolderError where there is none, or it has been changed.
+    """
+    from io import StringIO
+
+    from rich.console import Console
+
+    from robustopt.report import print_summary
+    from robustopt.runs.store import SUMMARY, read_summary
+
+    data = read_summary(folder)
+    try:
+        data["kind"], data["message"]
+        print_summary(data, Console(file=StringIO()), folder)
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        found = f"{type(error).__name__}: {error}"
+        raise RunFolderError(
+            f"{folder / SUMMARY}: has been changed, or is of another version of robustopt ({found})"
+        ) from None
+    return data
+
+
 class ExecutionOptions(NamedTuple):
     """Options of an execution."""
 
@@ -91,10 +115,10 @@ def execute_new(config: Config, out: Path | None, options: ExecutionOptions) -> 
 
 def execute_stored(folder: Path, changes: Sequence[str], out: Path | None, options: ExecutionOptions) -> int:
     """Execute the plan of a stored run, into a new run folder; changes: other values for keys."""
-    from robustopt.runs.store import new_run, read_summary
+    from robustopt.runs.store import new_run
 
     silent = options.json or options.quiet
-    with new_run(str(read_summary(folder)["name"]), out) as run:
+    with new_run(str(stored_summary(folder)["name"]), out) as run:
         with trials_bar(silent) as progress:
             from robustopt.execution import Workers
             from robustopt.report import write_execution_figures, write_page
@@ -148,10 +172,10 @@ def learn_task(config: Config | None, out: Path | None, options: LearningOptions
 def _continue(config: Config, folder: Path, options: LearningOptions) -> int:
     """Bring a run to its end, or say how it ended where it is complete."""
     from robustopt.runs.learning_run import exit_code_of
-    from robustopt.runs.store import is_run, read_summary
+    from robustopt.runs.store import is_run
 
     if is_run(folder):
-        data = read_summary(folder)
+        data = stored_summary(folder)
     else:
         try:
             data = _run_learner(config, folder, options)

@@ -11,6 +11,9 @@ from contextlib import contextmanager
 INTERRUPTED = 130
 """Exit code of a command that was interrupted."""
 
+STOPS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+"""Signals that ask a process to stop: Ctrl-C, kill, and the end of a terminal."""
+
 interruptions: list[int] = []
 """Signals that asked this process to stop."""
 
@@ -30,8 +33,9 @@ def listen() -> None:
 
     A killed pool of workers, for instance, may miss tasks that were just given to it.
     """
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, on_interrupt)
+    for number in STOPS:
+        if number == signal.SIGINT or signal.getsignal(number) is not signal.SIG_IGN:  # nohup ignores SIGHUP
+            signal.signal(number, on_interrupt)
     sys.unraisablehook = _on_unraisable
     threading.excepthook = _on_thread_error
 
@@ -64,7 +68,8 @@ def held() -> Generator[list[int], None, None]:
         return
     handlers = {
         number: signal.signal(number, lambda number, _frame: came.append(number))
-        for number in (signal.SIGINT, signal.SIGTERM)
+        for number in STOPS
+        if signal.getsignal(number) not in (signal.SIG_IGN, None)  # None: not of Python, which cannot restore it
     }
     try:
         yield came

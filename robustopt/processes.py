@@ -6,19 +6,25 @@ import gc
 import os
 import signal
 import sys
+import threading
+import time
 import warnings
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
+from functools import cache
 from multiprocessing import resource_tracker
 from typing import Any, TypeVar
 
 from robustopt.errors import RobustOptError
-from robustopt.interruption import held
+from robustopt.interruption import STOPS, held
 
 T = TypeVar("T")
 
 RETRIES = 3
 """How often the tasks of workers that died are given to new ones."""
+
+ORPHANED = 0.5
+"""How often a worker looks whether the process that began it still lives [s]."""
 
 
 def cores() -> int:
@@ -43,7 +49,7 @@ def in_processes(
         results: Generator[T, None, None] = (_ for _ in ())
         try:
             with held(), _deaf_children():
-                results = parallel(delayed(call)(*task) for task in tasks[done:])
+                results = parallel(delayed(_work)(os.getpid(), call, task) for task in tasks[done:])
             while done < len(tasks):
                 result = next(results)
                 done += 1
@@ -64,10 +70,32 @@ def in_processes(
             raise
 
 
+def _work(parent: int, call: Callable[..., T], task: tuple[Any, ...]) -> T:
+    """What a worker does with a task; parent: process that began the worker."""
+    if os.getppid() == parent:
+        _end_with(parent)
+    return call(*task)
+
+
+@cache
+def _end_with(parent: int) -> None:
+    """End this worker soon after the process that began it is killed; joblib's would wait five minutes for tasks."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(ORPHANED)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
 @contextmanager
 def _deaf_children() -> Generator[None, None, None]:
-    """Processes begun in this block do not hear Ctrl-C, which a terminal sends to all: this process ends them."""
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    """Processes begun in this block do not hear what a terminal sends to all: this process ends them."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, [n for n in STOPS if n != signal.SIGTERM])
     try:
         yield
     finally:

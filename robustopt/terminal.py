@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -139,6 +139,7 @@ def fail(kind: str, message: str, code: int, json: bool, problems: Sequence[dict
         error = {"kind": kind, "message": message, "exit_code": code, "problems": list(problems)}
         print_json({"error": error})
     else:
-        for line in message.splitlines():
-            print(f"error: {line}", file=sys.stderr)
+        with suppress(OSError):  # of a terminal that has been closed; the exit code says it too
+            for line in message.splitlines():
+                print(f"error: {line}", file=sys.stderr, flush=True)
     return code

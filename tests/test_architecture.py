@@ -10,7 +10,7 @@ import pytest
 PACKAGE = Path(__file__).parent.parent / "robustopt"
 
 LAYERS = [
-    ["errors", "models", "tasks"],
+    ["compiled", "errors", "models", "tasks"],
     ["interruption"],
     ["processes"],
     ["config/document", "config/section"],
@@ -161,3 +161,15 @@ def test_the_library_says_its_names() -> None:
         assert callable(getattr(robustopt, name))
     with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
         _ = robustopt.nonsense
+
+
+def test_functions_compile_where_nothing_can_be_kept(monkeypatch):
+    from numba.core import caching
+
+    from robustopt.compiled import compiled
+
+    def twice(x):
+        return 2 * x
+
+    monkeypatch.setattr(caching.CacheImpl, "_locator_classes", [])
+    assert compiled()(twice)(3) == 6

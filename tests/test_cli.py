@@ -125,6 +125,16 @@ def test_validate_says_valid_or_every_mistake(run):
     ]
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux that is always full")
+@pytest.mark.parametrize("arguments", [("--json",), ()])
+def test_a_full_disk_under_standard_output_is_said_in_a_line(arguments):
+    command = [sys.executable, "-m", "robustopt", "validate", str(WAITER), *arguments]
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
+    message = "error: what the command prints cannot be written: No space left on device\n"
+    assert (done.returncode, done.stderr) == (2, message)
+
+
 def test_version(run):
     assert run("--version") == (0, f"robustopt {__version__}\n", "")
 

@@ -264,10 +264,37 @@ def test_a_run_that_was_edited_is_refused(run, tmp_path, stored):
     cells[4] = str(float(cells[4]) + 1e-6)
     plan.write_text("\n".join([*lines[:9], ",".join(cells), *lines[10:]]))
     assert "not on the path of the configuration beside it" in run("execute", "path")[2]
+    plan = copy("speeds") / "plan.csv"
+    lines = [line.split(",") for line in plan.read_text().splitlines()]
+    faster = [[*line[:2], repr(2 * float(line[2])), *line[3:]] for line in lines[1:]]
+    plan.write_text("\n".join(map(",".join, [lines[0], *faster])))
+    assert "its times are not those of its speeds sd" in run("execute", "speeds")[2]
+    plan = copy("short") / "plan.csv"
+    plan.write_text(plan.read_text()[:5000])
+    assert "is cut short, or has been changed" in run("execute", "short")[2]
     (copy("gone") / "plan.csv").unlink()
     assert "plan.csv: cannot be read as a plan" in run("execute", "gone")[2]
     assert "no such file" in run("execute", "nowhere.yaml")[2]
     assert not (tmp_path / "results").exists()
+
+
+@pytest.mark.parametrize("change", [{"duration": "x"}, {"certificate": {"a": 1}}, {"kind": None, "size": 3}])
+def test_a_summary_that_was_edited_is_refused_and_hides_no_other_run(run, tmp_path, stored, change):
+    for name in ("edited", "whole"):
+        (tmp_path / "runs" / name).mkdir(parents=True)
+        for path in stored.iterdir():
+            if path.is_file():
+                (tmp_path / "runs" / name / path.name).write_bytes(path.read_bytes())
+    summary = tmp_path / "runs" / "edited" / "summary.json"
+    summary.write_text(json.dumps(json.loads(summary.read_text()) | change))
+    for command in ("report", "execute"):
+        code, _, err = run(command, "runs/edited")
+        assert code == 2
+        assert "summary.json" in err
+        assert "has been changed" in err
+    code, out, _ = run("runs", "runs")
+    assert code == 0
+    assert "runs/whole" in out
 
 
 # What goes wrong ------------------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import subprocess
 import sys
 import threading
 import time
@@ -32,7 +33,7 @@ def listening(monkeypatch):
     """As a command does, until the end of the test."""
     monkeypatch.setattr(sys, "unraisablehook", sys.unraisablehook)
     monkeypatch.setattr(threading, "excepthook", threading.excepthook)
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    handlers = {number: signal.getsignal(number) for number in interruption.STOPS}
     interruption.listen()
     yield
     for number, handler in handlers.items():
@@ -40,7 +41,7 @@ def listening(monkeypatch):
     interruption.interruptions.clear()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", interruption.STOPS)
 def test_an_interruption_waits_until_the_end_of_what_must_not_be_left_half_done(number, listening):
     done = []
 
@@ -118,6 +119,7 @@ def test_workers_do_not_hear_the_interruption_of_a_terminal():
 def test_ipopt_stops_soon_and_says_nothing_of_its_own(capfd):
     changes = ["solver.method=ipopt", "solver.collocation_points=2000"]
     problem = build_problem(load_config(CONFIGS / "waiter_two_blocks.yaml", changes))
+    solve(problem)  # compiles
     began = time.perf_counter()
     plan = solve(problem)
     whole = time.perf_counter() - began
@@ -127,3 +129,54 @@ def test_ipopt_stops_soon_and_says_nothing_of_its_own(capfd):
     timer.join()
     assert capfd.readouterr() == ("", "")
     assert np.isfinite(plan.duration)
+
+
+@pytest.mark.parametrize("handler", [signal.SIG_IGN, lambda *_: None], ids=["ignored", "handled"])
+def test_ipopt_goes_on_where_the_program_does_not_stop(handler):
+    changes = ["solver.method=ipopt", "solver.collocation_points=1000"]
+    problem = build_problem(load_config(CONFIGS / "waiter_one_block.yaml", changes))
+    solve(problem)  # compiles
+    began = time.perf_counter()
+    plan = solve(problem)
+    previous = signal.signal(signal.SIGINT, handler)
+    try:
+        timer = _later(0.3 * (time.perf_counter() - began))
+        again = solve(problem)
+        timer.join()
+    finally:
+        signal.signal(signal.SIGINT, previous)
+    assert again.status is plan.status
+    assert np.array_equal(again.x, plan.x)
+
+
+ORPHANS = """
+import os, sys, time
+from robustopt.errors import SimulationFailed
+from robustopt.processes import in_processes
+
+def work(k):
+    time.sleep(0.3)
+    return os.getpid()
+
+for pid in in_processes(work, [(k,) for k in range(1000)], 2, SimulationFailed):
+    print(pid, flush=True)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGHUP])
+def test_workers_end_when_the_process_that_began_them_is_killed(tmp_path, number):
+    (tmp_path / "work.py").write_text(ORPHANS, encoding="utf-8")
+    process = subprocess.Popen(
+        [sys.executable, "work.py"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    )
+    assert process.stdout is not None
+    pids = {int(process.stdout.readline()) for _ in range(6)}
+    process.send_signal(number)
+    assert process.wait() == -number
+    process.stdout.close()
+    left, deadline = pids, time.monotonic() + 30
+    while left and time.monotonic() < deadline:
+        time.sleep(0.1)
+        left = {pid for pid in left if Path(f"/proc/{pid}").exists()}
+    assert pids
+    assert not left

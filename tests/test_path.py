@@ -305,6 +305,13 @@ def test_half_a_turn_is_an_error_that_asks_for_a_pose_between() -> None:
     assert message.startswith("path.tray_poses[1]: is half a turn from tray_poses[0]")
 
 
+def test_a_pose_that_is_hardly_out_of_reach_says_by_how_much(tmp_path: Path) -> None:
+    poses = [{"position": [0.2, 0, 0]}, {"position": [0.4, 0, 0], "rpy": [0.0, 0.002, 0.0]}]  # a gantry does not tilt
+    message = refused({"tray_poses": poses})
+    assert "path.tray_poses[1]: is out of reach" in message
+    assert "0.002 rad away" in message
+
+
 def test_every_pose_out_of_reach_is_named_with_its_distance() -> None:
     far = [SWEEP[0], {"position": [1.9, 0, 0.75]}, SWEEP[1], {"position": [0.75, 0, 2.9]}]
     message = refused(far, builder=build_tx90l)
@@ -317,7 +324,7 @@ def test_every_pose_out_of_reach_is_named_with_its_distance() -> None:
 def test_an_orientation_out_of_reach_is_named() -> None:
     message = refused({"tray_poses": [{"position": [0, 0, 0]}, {"position": [1, 0, 0], "rpy": [0.5, 0, 0]}]})
     assert "path.tray_poses[1]: is out of reach" in message
-    assert "0.50 rad away" in message
+    assert "0.5 rad away" in message
 
 
 def test_a_joint_limit_on_the_way_is_named() -> None:
@@ -508,6 +515,8 @@ def test_a_missing_csv_file_is_named() -> None:
 def test_repeated_and_misshapen_waypoints_are_errors() -> None:
     rest = [0.0, 0.0, 0.0, 0.0]
     assert "path.joints[1]: repeats joints[0]" in refused({"joints": [rest, rest, [1, 0, 0, 0]]})
+    nearly = [1.0 + 5e-7, 0, 0, 0]
+    assert "path.joints[2]: repeats joints[1]" in refused({"joints": [rest, [1, 0, 0, 0], nearly, [2, 0, 0, 0]]})
     message = refused({"joints": [rest, [1, 0, 0], [1, 0, 0, 0, 0]]})
     assert "path.joints[1]: has 3 values; the robot has 4 joints" in message
     assert "path.joints[2]: has 5 values" in message

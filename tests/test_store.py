@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -136,6 +137,19 @@ def test_folders_that_a_killed_process_left_are_removed_by_the_next_run_beside_t
     assert (tmp_path / "alive" / "file").read_text() == "x"
 
 
+def test_a_second_interruption_does_not_stop_the_cleaning_up(tmp_path, monkeypatch):
+    remove = store.shutil.rmtree
+
+    def interrupted(*arguments, **options):
+        signal.raise_signal(signal.SIGINT)
+        remove(*arguments, **options)
+
+    monkeypatch.setattr(store.shutil, "rmtree", interrupted)
+    with pytest.raises(KeyboardInterrupt), new_run("task", root=tmp_path):
+        raise KeyboardInterrupt
+    assert not list(tmp_path.rglob("*"))
+
+
 @pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError, SystemExit])
 def test_a_block_that_fails_leaves_nothing_behind(tmp_path, error):
     def block() -> None:
@@ -227,3 +241,11 @@ def test_a_folder_that_is_no_run_is_not_read(tmp_path):
     (tmp_path / SUMMARY).write_text("{")
     with pytest.raises(RunFolderError, match="cannot be read"):
         read_summary(tmp_path)
+
+
+def test_arguments_that_are_no_text_for_the_system_are_kept(tmp_path):
+    given = ("täsk.yaml".encode(), b"\xe4")  # in a locale of ASCII; in another encoding
+    arguments = ["plan", *(name.decode("ascii", "surrogateescape") for name in given)]
+    write_origin(tmp_path, config(), MODEL, arguments)
+    origin = json.loads((tmp_path / PROVENANCE).read_text(encoding="utf-8"))
+    assert origin["arguments"] == ["robustopt", "plan", "täsk.yaml", "\ufffd"]

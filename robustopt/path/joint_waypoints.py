@@ -15,6 +15,8 @@ MOST_COMPLAINTS = 10
 """Most repeated waypoints that one error lists: a log of a robot at rest has thousands."""
 SAME_POSITION = 1e-9
 """Joint positions nearer than this are repeated [rad or m]."""
+SAME_PART = 1e-6
+"""So are those nearer than this part of the path's length: rounding, whose direction a spline would follow."""
 
 
 def joint_waypoints(config: Config, joint_names: tuple[str, ...]) -> np.ndarray:
@@ -38,7 +40,8 @@ def joint_waypoints(config: Config, joint_names: tuple[str, ...]) -> np.ndarray:
     if len(rows) < 2:
         raise PathError(f"a path needs at least two waypoints; there is {len(rows) or 'none'}", key=KEY)
     waypoints = np.array(rows)
-    repeated = np.flatnonzero(np.abs(np.diff(waypoints, axis=0)).max(axis=1) < SAME_POSITION)
+    chords = np.linalg.norm(np.diff(waypoints, axis=0), axis=1)
+    repeated = np.flatnonzero(chords < max(SAME_POSITION, SAME_PART * chords.sum()))
     if len(repeated):
         listed = repeated[:MOST_COMPLAINTS].tolist()
         raise PathError(

@@ -88,4 +88,5 @@ def _end_problem(robot: Robot, path: TrayPath, branch: Branch) -> ConfigProblem:
 
 
 def _miss(nearest: Solution) -> str:
-    return f"the nearest the tray comes is {1000 * nearest.distance:.0f} mm and {nearest.angle:.2f} rad away"
+    distance, angle = round(1000 * nearest.distance, 4), round(nearest.angle, 6)
+    return f"the nearest the tray comes is {distance:.4g} mm and {angle:.3g} rad away"

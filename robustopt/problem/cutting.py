@@ -10,8 +10,9 @@ look at all rows confirms a vertex.
 
 from __future__ import annotations
 
-import numba as nb
 import numpy as np
+
+from robustopt.compiled import compiled
 
 MAX_VERTICES = 96
 """Most vertices of a polygon while it is cut."""
@@ -27,7 +28,7 @@ ROUNDING = 1e-14
 far from any plan."""
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def _size(V, n, j):
     """Largest coordinate j of a polygon by size."""
     largest = 0.0
@@ -36,7 +37,7 @@ def _size(V, n, j):
     return largest
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def _largest(V, n, a, b, c):
     """Largest value of a u + b x + c on a polygon."""
     largest = -np.inf
@@ -45,13 +46,13 @@ def _largest(V, n, a, b, c):
     return largest
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def _copy(R, L, k, R2, L2, m):
     """Row and name of edge k become those of edge m, without temporary arrays."""
     R2[m, 0], R2[m, 1], R2[m, 2], L2[m] = R[k, 0], R[k, 1], R[k, 2], L[k]
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def _clip(V, R, L, valid, n, a, b, c, name, V2, R2, L2, valid2):
     """Keep the part of a polygon with a u + b x + c <= 0; the new edge takes the row's name. Returns the count."""
     if _largest(V, n, a, b, c) <= 0.0:
@@ -82,7 +83,7 @@ def _clip(V, R, L, valid, n, a, b, c, name, V2, R2, L2, valid2):
     return m
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def _load(vertices, rows, names, n, i, V, R, L):
     """Copy polygon i, of n vertices, to where it is cut."""
     for k in range(n):
@@ -90,7 +91,7 @@ def _load(vertices, rows, names, n, i, V, R, L):
         R[k, 0], R[k, 1], R[k, 2], L[k] = rows[i, k, 0], rows[i, k, 1], rows[i, k, 2], names[i, k]
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def _store(V, R, L, n, vertices, rows, names, sizes, i):
     """Copy a polygon that has been cut to its place, if there is room for it."""
     sizes[i] = n
@@ -100,7 +101,7 @@ def _store(V, R, L, n, vertices, rows, names, sizes, i):
             rows[i, k, 0], rows[i, k, 1], rows[i, k, 2], names[i, k] = R[k, 0], R[k, 1], R[k, 2], L[k]
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def cut_rows(polygons, limits, result):
     """Cut with rows that are affine. Returns the size of the largest polygon, or more than MAX_VERTICES."""
     rows, names = limits
@@ -128,7 +129,7 @@ def cut_rows(polygons, limits, result):
 # which costs more than the arithmetic, most of all where threads share an array.
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def _wrenches(coefficients, i, u, x, out):
     """out[k] = coefficients (P, d, n, 3) of grid point i at (u, x), shape (n, d)."""
     for k in range(coefficients.shape[2]):
@@ -136,7 +137,7 @@ def _wrenches(coefficients, i, u, x, out):
             out[k, j] = coefficients[i, j, k, 0] * u + coefficients[i, j, k, 1] * x + coefficients[i, j, k, 2]
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def _add_sizes(wrenches, group, out):
     """out[group[k]] += |wrenches[k]|."""
     for k in range(len(group)):
@@ -144,7 +145,7 @@ def _add_sizes(wrenches, group, out):
             out[group[k], j] += abs(wrenches[k, j])
 
 
-@nb.njit(cache=True, nogil=True, forceinline=True)
+@compiled(forceinline=True)
 def _margin(B, b, f, constant, base_terms, i, group, out):
     """out[f, g] = what the terms that depend on neither u nor x add to row B[b, f] at grid point i."""
     out[f] = 0.0
@@ -155,7 +156,7 @@ def _margin(B, b, f, constant, base_terms, i, group, out):
         out[f, group[k]] += abs(product)
 
 
-@nb.njit(cache=True, nogil=True, forceinline=True)
+@compiled(forceinline=True)
 def _value(B, b, f, own, margins, central, swings, group, box, lowest, highest):
     """Value of row B[b, f] for the wrenches W_g0, W_gk and sum_k |R_gk| of a load, every parameter at its worst.
 
@@ -175,13 +176,13 @@ def _value(B, b, f, own, margins, central, swings, group, box, lowest, highest):
     return own
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def _own(base, i, f, u, x):
     """A row's own part at grid point i and (u, x)."""
     return base[i, f, 0] * u + base[i, f, 1] * x + base[i, f, 2] if base.shape[0] else 0.0
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def _active_piece(B, b, loads, base, i, f, margins, swings, remains, u, x):
     """Affine piece (a, slope, c) of row B[b, f] at grid point i that is active at (u, x): a u + slope x + c there."""
     nominal, terms, group, _, _, remainder, remainder_group, lowest, highest = loads
@@ -216,7 +217,7 @@ def _active_piece(B, b, loads, base, i, f, margins, swings, remains, u, x):
     return a, slope, c
 
 
-@nb.njit(cache=True, nogil=True, fastmath={"contract"})
+@compiled(fastmath={"contract"})
 def _block_bounds(entries, sizes, m, central, reach, lowest, highest, out):
     """out[k] >= value at a vertex of rows with entries between entries[m, 0, :, k] and entries[m, -1, :, k].
 
@@ -254,7 +255,7 @@ def _block_bounds(entries, sizes, m, central, reach, lowest, highest, out):
                 out[k] += v * (high if v > 0.0 else low)
 
 
-@nb.njit(cache=True, nogil=True, fastmath={"contract"})
+@compiled(fastmath={"contract"})
 def _row_bounds(B, b, base, own_reach, i, u, x, central, reach, lowest, highest, out):
     """out[f] >= value of row B[b, f] at (u, x); equal, but for rounding, where only masses have intervals.
 
@@ -273,7 +274,7 @@ def _row_bounds(B, b, base, own_reach, i, u, x, central, reach, lowest, highest,
             out[f] += v * (highest[g] if v > 0.0 else lowest[g])
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def _next_above(values, k, threshold):
     """First index from k on of a value above a threshold; the number of values if there is none."""
     while k < len(values) and values[k] <= threshold:
@@ -281,7 +282,7 @@ def _next_above(values, k, threshold):
     return k
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def _fill_blocks(B, entries, sizes, extremes, extreme_sizes):
     """Rows B[0] (F, 6) block by block, entries (M, 1, 6, BLOCK), padded with zeros, and their sizes (M, 6, BLOCK); the
     least and the largest entries of each block, extremes (1, 2, 6, M), and the largest sizes (1, 6, M)."""
@@ -295,7 +296,7 @@ def _fill_blocks(B, entries, sizes, extremes, extreme_sizes):
             extremes[0, 0, j, m], extremes[0, 1, j, m], extreme_sizes[0, j, m] = low, high, max(-low, high)
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def cut_family(polygons, family, result):
     """Cut each polygon until no vertex violates a row. Returns the largest size, or more than MAX_VERTICES.
 
@@ -411,7 +412,7 @@ def cut_family(polygons, family, result):
     return largest
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def _name_edges(V, L, n, names, rows, middle):
     """Give the edges that are rows of the family, -2 - row, their names. Lists rows and middles; returns how many."""
     count = 0
@@ -426,7 +427,7 @@ def _name_edges(V, L, n, names, rows, middle):
     return count
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def family_values(family, points, u, x, out):
     """out[m, f] = value of row f at grid point points[m] and (u[m], x[m]), every parameter at its worst."""
     B, loads, base, base_terms, _ = family

@@ -19,9 +19,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-import numba as nb
 import numpy as np
 
+from robustopt.compiled import compiled
 from robustopt.errors import SolverFailed
 from robustopt.problem.cutting import MAX_VERTICES, cut_family, cut_rows, family_values
 
@@ -190,7 +190,7 @@ def edge_rows(polygons: Polygons, joints: int, names: int) -> tuple[Array, Array
     return rows, np.repeat(np.arange(names), width)
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def _edge_slots(vertices, edge_names, count, joints, names):
     """Number of each edge among the edges of its name at its grid point; -1 for what is no row, (P, V); and how many
     edges of each name a grid point has at most (names,)."""
@@ -217,7 +217,7 @@ def _edge_slots(vertices, edge_names, count, joints, names):
     return slots, width
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def _place(edges, edge_names, count, slots, first, rows):
     """Put the edges that are rows into their columns."""
     for i in range(len(count)):

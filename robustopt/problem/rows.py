@@ -14,9 +14,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-import numba as nb
 import numpy as np
 
+from robustopt.compiled import compiled
 from robustopt.contact import ContactSystem
 from robustopt.problem import polygons
 from robustopt.problem.polygons import Family, Loads, Polygons
@@ -87,7 +87,7 @@ def body_wrenches(motion: PathMotion, body: Body, erring: bool) -> BodyWrenches:
     return BodyWrenches(wrenches, np.repeat(np.arange(3), [1, len(steps), len(squares)]))
 
 
-@nb.njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
+@compiled(fastmath={"contract", "reassoc"})
 def _multiply(regressors, parameters, out):
     """out[k, i, c] = regressors[i, c] parameters[k]."""
     for k in range(out.shape[0]):
@@ -145,7 +145,7 @@ def body_loads(
     return result
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def _fill(loads, wrenches, mass, group, kind, carries, about, middle, radius, erring):
     """Fill loads (see `body_loads`) with wrenches per unit of mass (K, P, C, 6), grid point by point.
 
@@ -195,7 +195,7 @@ def _fill(loads, wrenches, mass, group, kind, carries, about, middle, radius, er
             term, rest = term + (kind[k] == 1), rest + (kind[k] == 2)
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def _move(wrenches, about, block, count, out):
     """The first wrenches about the origin (n, 6) as wrenches about the point of a block."""
     x, y, z = about[block, 0], about[block, 1], about[block, 2]

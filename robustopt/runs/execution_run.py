@@ -23,6 +23,7 @@ from robustopt.runs.experiment import PLAN, PlanResult, summary, write_run
 from robustopt.runs.store import CONFIG, PROVENANCE, SUMMARY, plain_data, read_summary, write_json, write_origin
 from robustopt.timescaling import Plan
 from robustopt.timescaling.plan import solved_plan
+from robustopt.trajectory import Trajectory
 
 EXECUTIONS = "executions.csv"
 
@@ -31,6 +32,9 @@ FREE_KEYS = ("execution", "seed")
 
 SAME_PATH = 1e-9
 """Joint positions of a stored plan and of its rebuilt path differ by rounding alone, if at all [rad or m]."""
+
+SAME_TIME = 1e-9
+"""Times of a stored plan and those of its speeds differ by rounding alone, if at all: part of the duration."""
 
 
 @dataclass(frozen=True)
@@ -113,9 +117,15 @@ def read_plan(config: Config, path: Path) -> Plan:
     names = problem.robot.joint_names
     head = ["t", "s", "sd", "sdd", *(f"{kind}_{name}" for kind in ("q", "qd", "qdd") for name in names)]
     try:
-        with path.open(newline="", encoding="utf-8") as file:
+        with path.open(newline="", encoding="utf-8-sig") as file:
             rows = list(csv.reader(file))
-        found, numbers = rows[0], np.array(rows[1:], dtype=float)
+        found, *lines = rows
+        short = next((i for i, line in enumerate(lines, 2) if len(line) != len(found)), None)
+        if short is not None:
+            raise RunFolderError(
+                f"{path}: line {short} is cut short, or has been changed; expected the plan as written"
+            )
+        numbers = np.array(lines, dtype=float).reshape(-1, len(found))
     except (OSError, ValueError, IndexError) as error:
         raise RunFolderError(f"{path}: cannot be read as a plan: {error}") from None
     if found != head:
@@ -128,7 +138,11 @@ def read_plan(config: Config, path: Path) -> Plan:
     same_grid = len(s) == len(problem.s) and np.array_equal(s, problem.s)
     if not same_grid or np.abs(problem.path.evaluate(s, problem.piece) - q).max() > SAME_PATH:
         raise RunFolderError(f"{path}: not on the path of the configuration beside it; expected the plan as written")
-    return solved_plan(problem, sd**2, "stored", {})
+    plan = solved_plan(problem, sd**2, "stored", {})
+    times = Trajectory.from_plan(plan).times
+    if (sd < 0).any() or not np.abs(times - numbers[:, 0]).max() <= SAME_TIME * plan.duration:
+        raise RunFolderError(f"{path}: its times are not those of its speeds sd; expected the plan as written")
+    return plan
 
 
 def _require_unchanged(folder: Path) -> None:

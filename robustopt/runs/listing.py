@@ -8,7 +8,7 @@ from typing import Any
 
 from robustopt.errors import RunFolderError, RunInUse
 from robustopt.runs.journal import Journal
-from robustopt.runs.store import PROVENANCE, SUMMARY, is_run, is_unfinished
+from robustopt.runs.store import PROVENANCE, is_unfinished, read_summary
 
 
 def runs(root: Path) -> list[dict[str, Any]]:
@@ -23,9 +23,9 @@ def _hidden(path: Path) -> bool:
 
 
 def _record(folder: Path) -> dict[str, Any]:
-    origin, data = _read(folder / PROVENANCE), _read(folder / SUMMARY)
+    origin, data = _read(folder / PROVENANCE), _summary(folder)
     known = {"folder": str(folder), "created": str(origin.get("created", "")), "name": data.get("name")}
-    if is_run(folder) and data:
+    if data:
         result = {"kind": data.get("kind"), "state": "complete", "status": data.get("status")}
         return known | result | {"duration": data.get("duration")}
     if is_unfinished(folder):
@@ -42,6 +42,13 @@ def _state(folder: Path) -> str:
     except RunFolderError:
         return "damaged"
     return "resumable"
+
+
+def _summary(folder: Path) -> dict[str, Any]:
+    try:
+        return read_summary(folder)
+    except RunFolderError:
+        return {}
 
 
 def _read(path: Path) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields, is_dataclass
 from datetime import UTC, datetime
 from importlib import metadata
@@ -22,6 +22,7 @@ from typing import Any
 from robustopt import __version__
 from robustopt.config import Config, dump
 from robustopt.errors import RunFolderError
+from robustopt.interruption import held
 
 PROVENANCE, CONFIG, SUMMARY, JOURNAL = "provenance.json", "config.yaml", "summary.json", "journal.db"
 
@@ -92,7 +93,7 @@ def read_summary(folder: Path) -> dict[str, Any]:
     if not is_run(folder):
         raise RunFolderError(f"{folder}: not a run folder of robustopt; expected {SUMMARY}, {CONFIG} and {PROVENANCE}")
     try:
-        summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
+        summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8-sig"))
     except (OSError, ValueError) as error:
         raise RunFolderError(f"{folder / SUMMARY}: cannot be read: {error}") from None
     if not isinstance(summary, dict):
@@ -100,6 +101,9 @@ def read_summary(folder: Path) -> dict[str, Any]:
     missing = [key for key in ("name", "status") if not isinstance(summary.get(key), str)]
     if missing:
         raise RunFolderError(f"{folder / SUMMARY}: {' and '.join(missing)} missing; the file has been changed")
+    duration = summary.get("duration")
+    if isinstance(duration, bool) or not isinstance(duration, int | float | None):
+        raise RunFolderError(f"{folder / SUMMARY}: the duration is no number; the file has been changed")
     return summary
 
 
@@ -137,7 +141,7 @@ def provenance(config: Config, text: str, model_file: Path, arguments: Sequence[
     """What it takes to make a run again: versions, commit, configuration, robot, seed, arguments, machine."""
     return {
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "arguments": ["robustopt", *arguments],
+        "arguments": ["robustopt", *map(_as_text, arguments)],
         "seed": config.seed,
         "config_sha256": hashlib.sha256(text.encode()).hexdigest(),
         "robot_model": {"name": config.robot.model, "sha256": hashlib.sha256(model_file.read_bytes()).hexdigest()},
@@ -150,6 +154,11 @@ def provenance(config: Config, text: str, model_file: Path, arguments: Sequence[
             "cpus": os.cpu_count(),
         },
     }
+
+
+def _as_text(argument: str) -> str:
+    """An argument as UTF-8, where the system has given bytes that are no text in its own encoding."""
+    return argument.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
 
 
 def _versions() -> dict[str, str | None]:
@@ -234,14 +243,12 @@ def _is_alive(process: int) -> bool:
 
 def _remove(made: Sequence[Path]) -> None:
     """Take back what was made: the hidden folder with all in it, and folders above it that are empty."""
-    for folder in reversed(made):
-        if _mark() in folder.name:
-            shutil.rmtree(folder, ignore_errors=True)
-        else:
-            try:
+    with held(), suppress(OSError):
+        for folder in reversed(made):
+            if _mark() in folder.name:
+                shutil.rmtree(folder, ignore_errors=True)
+            else:
                 folder.rmdir()
-            except OSError:
-                return
 
 
 def flush(folder: Path) -> None:

@@ -9,8 +9,9 @@ the optimum (Boyd and Vandenberghe, Convex Optimization, section 11.2).
 
 from __future__ import annotations
 
-import numba as nb
 import numpy as np
+
+from robustopt.compiled import compiled
 
 Array = np.ndarray
 
@@ -33,7 +34,7 @@ TO_BOUNDARY = 0.95
 """Share of the way to the nearest bound that a step may take."""
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def _rows(a, b, c, x_max, ds):
     """Rows G1 x_i + G2 x_{i+1} + h <= 0 of the intervals, and of the bounds of x, with the index i of each."""
     P, m = a.shape
@@ -65,7 +66,7 @@ def _rows(a, b, c, x_max, ds):
     return G1[:n], G2[:n], h[:n], at[:n]
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def _derivatives(x, ds, gradient, diagonal, off):
     """Gradient and tridiagonal Hessian of the duration. Returns the duration."""
     P = len(x)
@@ -89,7 +90,7 @@ def _derivatives(x, ds, gradient, diagonal, off):
     return total
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def _solve_tridiagonal(diagonal, off, right, free, work, out):
     """Symmetric tridiagonal system over the free entries; the others stay 0."""
     P = len(right)
@@ -109,7 +110,7 @@ def _solve_tridiagonal(diagonal, off, right, free, work, out):
             out[i] = (out[i] - after) / work[i]
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def _slacks(G1, G2, h, at, x, slack):
     """slack = -(G x + h); returns its smallest entry."""
     least = np.inf
@@ -119,7 +120,7 @@ def _slacks(G1, G2, h, at, x, slack):
     return least
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def _barrier(x, ds, slack, weight):
     """weight * duration - sum log slack."""
     value = 0.0
@@ -131,7 +132,7 @@ def _barrier(x, ds, slack, weight):
     return value
 
 
-@nb.njit(cache=True, nogil=True)
+@compiled()
 def polish(a, b, c, x_max, ds, feasible):
     """Minimum-time x (P,) on the rows from a feasible one, and the bound of its distance to the optimum [s].
 

@@ -79,6 +79,8 @@ def _minimise(
         program = {"x": part, "f": objective, "g": matrix @ part}
         solver = ca.nlpsol("outer", "ipopt", program, {**options, "iteration_callback": stop})
         answer = solver(x0=start, lbx=SMALLEST_X, ubx=upper, lbg=-np.inf, ubg=right)
+    if interruptions:  # by a handler of the user that let the work go on
+        return _minimise(problem, guess, scale, options)
     result = np.zeros(len(problem.s))
     result[free] = size * np.clip(np.array(answer["x"]).ravel(), 0.0, upper)
     stats = solver.stats()

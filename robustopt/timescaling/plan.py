@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
 
-import numba as nb
 import numpy as np
 
+from robustopt.compiled import compiled
 from robustopt.problem import TimeScalingProblem
 
 Array = np.ndarray
@@ -76,7 +76,7 @@ def controls_of(ds: Array, x: Array) -> Array:
     return np.asarray(timing(ds, x)[1])
 
 
-@nb.njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def timing(ds, x):  # type: ignore[no-untyped-def]
     """Duration and controls of a timing."""
     duration, u = 0.0, np.zeros(len(ds))

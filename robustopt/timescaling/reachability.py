@@ -12,9 +12,9 @@ from __future__ import annotations
 
 import time
 
-import numba as nb
 import numpy as np
 
+from robustopt.compiled import compiled
 from robustopt.problem import TimeScalingProblem
 from robustopt.timescaling.interior_point import polish
 from robustopt.timescaling.plan import Plan, Status, controls_of, duration_of, failed_plan, timed_plan, timing
@@ -51,7 +51,7 @@ def solve_reachability(problem: TimeScalingProblem) -> Plan:
     return timed_plan(problem, x, u, duration, "reachability", statistics)
 
 
-@nb.njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _timed_passes(feasible, a, b, c, x_max, ds):
     """The timing of the forward pass, its controls and duration, the least duration by the bound, and where it ends.
 
@@ -70,7 +70,7 @@ def _stuck(problem: TimeScalingProblem, point: int, began: float) -> Plan:
     return failed_plan(problem, Status.INFEASIBLE, "reachability", Status.INFEASIBLE.sentence, point, statistics)
 
 
-@nb.njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _gather(a, b, c, i, step, A, B, C, m):
     """Append the rows of a grid point that are not padding, with u replaced by what it means `step` further on."""
     for k in range(a.shape[1]):
@@ -85,7 +85,7 @@ def _gather(a, b, c, i, step, A, B, C, m):
     return m
 
 
-@nb.njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _extreme_x(A, B, C, m, x_max, sign, order):
     """Largest (sign 1) or smallest (sign -1) x in [0, x_max] with A u + B x + C <= 0 for some u; nan if there is none.
 
@@ -142,7 +142,7 @@ def _extreme_x(A, B, C, m, x_max, sign, order):
     return min(max(x, 0.0), x_max)
 
 
-@nb.njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _holds_at_rest(A, C, m):
     """Whether some u satisfies A u + C <= 0: then the smallest x is 0, nearly always."""
     above = 0
@@ -161,7 +161,7 @@ def _holds_at_rest(A, C, m):
     return low <= high
 
 
-@nb.njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def passes(a, b, c, x_max, ds):
     """Backward and forward pass. Returns x (P,), an upper bound of every feasible x (P,), and the grid point where no
     choice is left or the robot cannot move on, or -1."""
@@ -209,7 +209,7 @@ def passes(a, b, c, x_max, ds):
     return x, bound, -1
 
 
-@nb.njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _largest_next(A, B, C, n, step, low, high, most):
     """Largest x + step u <= most with low <= x <= high and A u + B x + C <= 0: the rows in (u, x + step u)."""
     for k in range(n):
