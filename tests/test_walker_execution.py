@@ -24,6 +24,7 @@ from robustopt.execution.outcome import TrialOutcome
 from robustopt.execution.simulation import Workspace
 from robustopt.execution.trace import trace
 from robustopt.execution.truth import TrueBody, World
+from robustopt.execution.video import HEIGHT, WIDTH
 from robustopt.execution.walker_scene import WalkerScene
 from robustopt.learning.learner import Belief
 from robustopt.learning.moments import ErrorInterval
@@ -283,6 +284,26 @@ def test_the_feet_touch_the_floor_with_their_contact_points_alone(plan, tmp_path
     assert standing(other, other.problem.config)[1]["left_foot"].force[-1] == pytest.approx(
         standing(plan, configured())[1]["left_foot"].force[-1], abs=1e-3
     )
+
+
+@pytest.mark.parametrize("scale", [1, 2])
+def test_the_camera_sees_the_whole_robot_all_the_way(plan, tmp_path, scale):
+    """A long walk of the shipped robot, and one step of a robot of twice the size."""
+    walk = "[" + ", ".join(f"{{foot: {'right' if k % 2 else 'left'}, to: [{0.1 * k}, {0.16 * (-1) ** k}]}}"
+                           for k in range(1, 10 if scale == 1 else 2)) + "]"  # fmt: skip
+    config = configured("solver.collocation_points=200", f"path.steps={walk}", f"path.pelvis_height={0.54 * scale}")
+    scene = WalkerScene(config, scene_gains(plan.problem.robot), 0.001)
+    view = scene.view(scene.layout(scene.model(scene.believed)), np.zeros((1, 0)))
+    azimuth, elevation = np.deg2rad([view.azimuth, view.elevation])
+    forward = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+    right = np.array([np.sin(azimuth), -np.cos(azimuth), 0.0])
+    axes = np.array([right, np.cross(right, forward), forward])
+    ends = [0.0, 0.1 * (9 if scale == 1 else 1)]
+    points = np.array([[x, 0.2 * y, z] for x in ends for y in (-1, 1) for z in (0.0, 1.18 * scale)])
+    x, y, depth = axes @ (points - view.lookat).T + np.array([[0.0], [0.0], [view.distance]])
+    half = np.tan(np.deg2rad(45 / 2))
+    assert np.abs(y / depth).max() < half
+    assert np.abs(x / depth).max() < half * WIDTH / HEIGHT
 
 
 def scene_gains(walker: Walker) -> Gains:

@@ -37,9 +37,9 @@ PALM_SPHERE = 0.01
 SOLREF, SOLIMP = (0.005, 1.0), (0.95, 0.99, 0.001, 0.5, 2.0)
 """Stiffness of a hand's contacts: as that of the feet of the shipped humanoid."""
 
-DISTANCE, AZIMUTH, ELEVATION = 1.8, 110.0, -14.0
-"""Place of the camera: from the trunk's path [m], about the vertical and above the horizon [deg]; on the side of the
-hand that is on a rail, else on the right."""
+DISTANCE, AZIMUTH, ELEVATION = 3.2, 110.0, -14.0
+"""Place of the camera: from the middle of the walk, in heights of the pelvis and with the length of the walk on top;
+about the vertical and above the horizon [deg]; on the side of the hand that is on a rail, else on the right."""
 
 FALLEN, ON_RAIL, ON_FLOOR = 1 << 20, 1 << 21, 1 << 22
 """Contact bits of all that touches the floor only when the robot has fallen, everything but the feet, of the hand that
@@ -159,9 +159,10 @@ class WalkerScene:
 
     def view(self, layout: WalkerLayout, qpos: Array) -> View:
         """A camera that sees the whole way of the robot."""
-        middle = np.mean([standing[foot].position[:2] for standing in self._places for foot in FEET], axis=0)
+        feet = np.array([[standing[foot].position[:2] for foot in FEET] for standing in self._places])
+        height, way = float(self.walker.posture[2]), float(np.ptp(feet.mean(axis=1), axis=0).max())
         azimuth = -AZIMUTH if "left_hand" in self.walker.contacts else AZIMUTH
-        return View(np.append(middle, float(self.walker.posture[2])), DISTANCE, azimuth, ELEVATION)
+        return View(np.append(feet.mean(axis=(0, 1)), height), DISTANCE * height + way, azimuth, ELEVATION)
 
     # Parts of the specification ---------------------------------------------------------------------------
 
