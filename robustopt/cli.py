@@ -7,11 +7,11 @@ import io
 import os
 import signal
 import sys
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
@@ -19,6 +19,7 @@ from robustopt import __version__
 from robustopt.commands import (
     ExecutionOptions,
     LearningOptions,
+    check_task,
     execute_new,
     execute_stored,
     learn_task,
@@ -26,7 +27,7 @@ from robustopt.commands import (
     print_dry_run,
 )
 from robustopt.errors import ConfigError, RobustOptError
-from robustopt.interruption import INTERRUPTED, Kept, interruptions, on_interrupt
+from robustopt.interruption import INTERRUPTED, Kept, interruptions, listen
 from robustopt.processes import end_processes
 from robustopt.terminal import fail, print_json, show, show_runs
 
@@ -114,15 +115,10 @@ def plan(
 ) -> int:
     """Find the fastest timing of a path that holds for every value in the intervals, and write a run folder."""
     changes = _changes(overrides, method, seed)
-    task = _load(config, changes)
-    try:
+    with _task_of(config, changes) as task:
         if dry_run:
             return print_dry_run(task, json, quiet)
         return make_plan(task, out, certify.value, figures, json, quiet)
-    except ConfigError as error:
-        from robustopt.config import located
-
-        raise located(error, config, changes) from None
 
 
 @app.command()
@@ -161,12 +157,8 @@ def execute(
         os.environ.setdefault("MUJOCO_GL", "egl")
     if task.is_dir():
         return execute_stored(task, changes, out, options)
-    try:
-        return execute_new(_load(task, changes), out, options)
-    except ConfigError as error:
-        from robustopt.config import located
-
-        raise located(error, task, changes) from None
+    with _task_of(task, changes) as config:
+        return execute_new(config, out, options)
 
 
 @app.command()
@@ -208,13 +200,8 @@ def learn(
         return learn_task(None, out, options)
     from robustopt.tasks import PAPER_TASK
 
-    path = path or PAPER_TASK
-    try:
-        return learn_task(_load(path, changes), out, options)
-    except ConfigError as error:
-        from robustopt.config import located
-
-        raise located(error, path, changes) from None
+    with _task_of(path or PAPER_TASK, changes) as config:
+        return learn_task(config, out, options)
 
 
 @app.command()
@@ -235,8 +222,9 @@ def runs(
 
 @app.command()
 def validate(config: ConfigFile, overrides: Overrides = None, json: Json = False, quiet: Quiet = False) -> int:
-    """Check a configuration: every mistake with its place, what was found and what would be right."""
-    task = _load(config, overrides or [])
+    """Check a configuration, its robot and its path: every mistake, where it is, and what would be right."""
+    with _task_of(config, overrides or []) as task:
+        check_task(task, json or quiet)
     if json:
         print_json({"valid": True, "name": task.name})
     elif not quiet:
@@ -275,10 +263,16 @@ def _task(arguments: Sequence[str]) -> tuple[Path | None, list[str]]:
     return None, list(arguments)
 
 
-def _load(path: Path, overrides: Sequence[str]) -> Config:
-    from robustopt.config import load_config
+@contextmanager
+def _task_of(path: Path, overrides: Sequence[str]) -> Iterator[Config]:
+    """The configuration in a file; mistakes that only show in this block get the places of their keys in the file."""
+    from robustopt.config import load_config, located
 
-    return load_config(path, overrides)
+    config = load_config(path, overrides)
+    try:
+        yield config
+    except ConfigError as error:
+        raise located(error, path, overrides) from None
 
 
 # Running --------------------------------------------------------------------------------------------------
@@ -316,18 +310,23 @@ def main() -> None:
     One thread for linear algebra: the matrices are small, and sums are then the same on every machine load.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, on_interrupt)
+    listen()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
     code = run(sys.argv[1:])
-    if code == INTERRUPTED:  # at once: what was interrupted inside a library may complain when it is torn down
+    if code == INTERRUPTED:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
-        with suppress(Exception):
-            end_processes()
-            atexit._run_exitfuncs()
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(code)
-    sys.exit(code)
+    _leave(code)
+
+
+def _leave(code: int) -> NoReturn:
+    """End this process at once: taking down all that was imported takes as long as a plan, and what was interrupted
+    inside a library may complain of it."""
+    with suppress(Exception):
+        end_processes()
+        atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError):
+            stream.flush()
+    os._exit(code)

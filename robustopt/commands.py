@@ -17,6 +17,16 @@ from robustopt.terminal import ask, console, fail, learning_table, print_json, s
 
 if TYPE_CHECKING:
     from robustopt.config import Config
+    from robustopt.runs.campaign import Learned
+
+
+def check_task(config: Config, silent: bool) -> None:
+    """Raise the error that planning a task would end with before it solves anything."""
+    with status("looking at robot and path", silent):
+        from robustopt.problem import build_problem
+
+        build_problem(config)
+        stop_if_interrupted()
 
 
 def make_plan(config: Config, out: Path | None, certify: Any, figures: bool, json: bool, quiet: bool) -> int:
@@ -163,9 +173,14 @@ def _run_learner(config: Config, folder: Path, options: LearningOptions) -> dict
         if options.executor not in (None, journal.executor):
             raise RunFolderError(f"{folder}: was begun with --executor {journal.executor}; expected the same")
         manual = journal.executor == MANUAL
-        with learning_table(silent or manual) as progress:
+        with learning_table(silent or manual) as show_learned:
             from robustopt.runs.campaign import learn as run_learner
             from robustopt.runs.manual import Manual
+
+            def progress(learned: Learned) -> None:
+                stop_if_interrupted()
+                if show_learned is not None:
+                    show_learned(learned)
 
             executor = Manual(folder, ask, say) if manual else None
             learned = run_learner(config, executor, journal=journal, workers=options.workers, progress=progress)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 import threading
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -22,6 +23,27 @@ def on_interrupt(signal_number: int, _frame: object) -> None:
     """Handler of the signals that ask a process to stop."""
     interruptions.append(signal_number)
     raise KeyboardInterrupt
+
+
+def listen() -> None:
+    """Let this process remember interruptions, and say nothing of what they break in callbacks and threads.
+
+    A killed pool of workers, for instance, may miss tasks that were just given to it.
+    """
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, on_interrupt)
+    sys.unraisablehook = _on_unraisable
+    threading.excepthook = _on_thread_error
+
+
+def _on_unraisable(unraisable: sys.UnraisableHookArgs) -> None:
+    if not isinstance(unraisable.exc_value, KeyboardInterrupt):
+        sys.__unraisablehook__(unraisable)
+
+
+def _on_thread_error(error: threading.ExceptHookArgs) -> None:
+    if not interruptions:
+        threading.__excepthook__(error)
 
 
 def stop_if_interrupted() -> None:

@@ -100,6 +100,18 @@ def test_dry_run_shows_the_configuration_and_the_size_and_writes_nothing(run, tm
     assert data["config"]["contact"]["friction"] == 0.25
 
 
+def test_validate_looks_at_the_robot_and_the_path(run, tmp_path):
+    text = WAITER.read_text().replace("tool: flange", "tool: hand")
+    (tmp_path / "task.yaml").write_text(text)
+    line = 1 + next(i for i, row in enumerate(text.splitlines()) if "tool: hand" in row)
+    code, out, err = run("validate", "task.yaml")
+    assert (code, out) == (2, "")
+    assert err.startswith(f"error: task.yaml:{line}: robot.tool: tx90l.xml has no site or body 'hand'")
+    code, out, err = run("validate", WAITER, "path.tray_poses.0.position=[9, 0, 0]")
+    assert (code, out) == (2, "")
+    assert "path.tray_poses" in err
+
+
 def test_validate_says_valid_or_every_mistake(run):
     assert run("validate", WAITER) == (0, f"{WAITER}: valid\n", "")
     assert json.loads(run("validate", WAITER, "--json")[1]) == {"valid": True, "name": "waiter-two-blocks"}

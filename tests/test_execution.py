@@ -484,7 +484,22 @@ def test_an_interruption_keeps_the_chunks_that_were_done(slide):
 
     executions = execute(config, plan, trials=60, progress=interrupt)
     assert (len(executions.outcomes), executions.requested, executions.complete) == (25, 60, False)
+    assert executions.interrupted
     assert all(map(_same, executions.outcomes, execute(config, plan, trials=25).outcomes))
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_an_interruption_after_the_last_chunk_still_counts(slide, workers):
+    config, plan = slide
+
+    def interrupt(done: int, total: int, _successes: int) -> None:
+        if done == total:
+            raise KeyboardInterrupt
+
+    executions = execute(config, plan, trials=30, workers=workers, progress=interrupt)
+    assert executions.complete
+    assert executions.interrupted
+    assert not execute(config, plan, trials=30).interrupted
 
 
 def _dies_once(flag, job, trials, threads):

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import sys
 import threading
 import time
 from pathlib import Path
@@ -26,10 +27,21 @@ def _later(seconds: float) -> threading.Timer:
     return timer
 
 
+@pytest.fixture
+def listening(monkeypatch):
+    """As a command does, until the end of the test."""
+    monkeypatch.setattr(sys, "unraisablehook", sys.unraisablehook)
+    monkeypatch.setattr(threading, "excepthook", threading.excepthook)
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    interruption.listen()
+    yield
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
+    interruption.interruptions.clear()
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interruption_waits_until_the_end_of_what_must_not_be_left_half_done(number, monkeypatch):
-    monkeypatch.setattr(interruption, "interruptions", [])
-    previous = signal.signal(number, interruption.on_interrupt)
+def test_an_interruption_waits_until_the_end_of_what_must_not_be_left_half_done(number, listening):
     done = []
 
     def work():
@@ -37,12 +49,9 @@ def test_an_interruption_waits_until_the_end_of_what_must_not_be_left_half_done(
             signal.raise_signal(number)
             done.extend(came)
 
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            work()
-        assert signal.getsignal(number) is interruption.on_interrupt
-    finally:
-        signal.signal(number, previous)
+    with pytest.raises(KeyboardInterrupt):
+        work()
+    assert signal.getsignal(number) is interruption.on_interrupt
     assert done == [number]
     assert interruption.interruptions == [number]
 
@@ -62,6 +71,31 @@ def test_other_threads_and_quiet_blocks_are_not_concerned():
     with held() as came:
         assert signal.getsignal(signal.SIGINT) is not handler
     assert (came, signal.getsignal(signal.SIGINT)) == ([], handler)
+
+
+@pytest.mark.parametrize(("error", "told"), [(KeyboardInterrupt(), False), (ValueError("lost"), True)])
+def test_what_cannot_be_raised_is_told_unless_it_is_an_interruption(error, told, listening, capfd):
+    class Failing:
+        def __del__(self):
+            raise error
+
+    failing = Failing()
+    del failing
+    assert ("lost" in capfd.readouterr().err) == told
+
+
+@pytest.mark.parametrize("interrupted", [False, True])
+def test_what_breaks_in_a_thread_is_told_unless_an_interruption_broke_it(interrupted, listening, capfd):
+    def fail():
+        raise ValueError("lost")
+
+    if interrupted:
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+    thread = threading.Thread(target=fail)
+    thread.start()
+    thread.join()
+    assert ("lost" in capfd.readouterr().err) != interrupted
 
 
 def _deaf(_number: int) -> tuple[int, bool]:

@@ -19,6 +19,7 @@ from robustopt import report, terminal
 from robustopt.config import dump, load_config
 from robustopt.errors import RunFolderError, SolverFailed
 from robustopt.execution import Status
+from robustopt.interruption import interruptions, on_interrupt
 from robustopt.runs import beliefs, executors, learning_run
 from robustopt.runs.journal import Journal
 from robustopt.runs.store import JOURNAL, read_summary
@@ -232,6 +233,25 @@ def interrupted(run, monkeypatch):
             return run(*LEARN, "--out", out, *arguments)
 
     return call
+
+
+def test_an_interruption_that_something_swallows_ends_learning_soon(run, tmp_path, monkeypatch):
+    simulate, calls = executors.Simulated.run, 0
+
+    def swallowing(*values):
+        nonlocal calls
+        calls += 1
+        with pytest.raises(KeyboardInterrupt):
+            on_interrupt(signal.SIGINT, None)
+        return simulate(*values)
+
+    monkeypatch.setattr(executors.Simulated, "run", swallowing)
+    try:
+        code, _, err = run(*LEARN, "--out", "a")
+    finally:
+        interruptions.clear()
+    assert (code, calls) == (130, 1)
+    assert "what was learned is kept" in err
 
 
 def test_an_interrupted_run_says_how_to_go_on_and_ends_the_same(run, tmp_path, interrupted):

@@ -37,7 +37,8 @@ class Executions:
     outcomes: one per trial, in their order; requested: number of trials asked for, more than there are where the
     execution was interrupted; duration: of the motion at this speed [s]; timestep [s] and number of steps of a trial;
     confidence: level of `interval`; feedback: acceleration error, None without a sound trial; alike: whether nothing is
-    drawn at random, so that one simulation stands for all trials
+    drawn at random, so that one simulation stands for all trials; interrupted: by Ctrl-C, even where all trials were
+    done by then
     """
 
     outcomes: tuple[TrialOutcome, ...]
@@ -50,6 +51,7 @@ class Executions:
     confidence: float
     feedback: Feedback | None
     alike: bool = False
+    interrupted: bool = False
 
     @property
     def complete(self) -> bool:
@@ -110,10 +112,10 @@ def execute(
     job = prepare(config, plan, seed, speed)
     execution, planned = job.execution, job.planned
     chosen = tuple(range(execution.trials if trials is None else trials)) if numbers is None else tuple(numbers)
-    outcomes, _ = run_all(job, chosen, Workers(workers) if isinstance(workers, int) else workers, progress)
+    outcomes, finished = run_all(job, chosen, Workers(workers) if isinstance(workers, int) else workers, progress)
     return Executions(
         tuple(outcomes), len(chosen), job.seed, speed, plan.duration / speed, execution.timestep, len(planned.t),
-        execution.confidence, feedback_of(outcomes), alike=not is_random(execution),
+        execution.confidence, feedback_of(outcomes), alike=not is_random(execution), interrupted=not finished,
     )  # fmt: skip
 
 

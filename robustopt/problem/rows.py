@@ -28,6 +28,8 @@ Array = np.ndarray
 DIRECTION_TOLERANCE = 1e-9
 """A joint slower than this part of the fastest joint's rate counts as at rest: dry friction takes both signs."""
 
+BLOCK = 1000
+"""Grid points whose wrenches are put together at once: larger arrays cost the system more than the work on them."""
 
 SLOWEST_REFERENCE = 1e-12
 """Smallest x, as a part of what joint velocity allows, about which viscous torque is linearised: the tangent of a root
@@ -117,11 +119,11 @@ def body_loads(
     erring = np.flatnonzero(radius)
     members = [(body, mass, g) for g, group in enumerate(groups) for body, mass in group]
     parts = [wrenches_of(body) for body, _, _ in members]
-    wrenches, kind = (np.concatenate([getattr(part, name) for part in parts]) for name in ("wrenches", "kind"))
+    kind = np.concatenate([part.kind for part in parts])
     lengths = [len(part.kind) for part in parts]
     mass, group = (np.repeat([member[k] for member in members], lengths) for k in (1, 2))
     carries = np.repeat([[body in row for row in loads] for body, _, _ in members], lengths, axis=0)
-    points, d = wrenches.shape[1], 6 * len(loads)
+    points, d = parts[0].wrenches.shape[1], 6 * len(loads)
     spread = len(erring) > 0 and bool((kind > 0).any())
     remainder_group = np.r_[group[kind == 2], np.unique(group[kind > 0])] if spread else group[kind == 2]
     result = Loads(
@@ -136,7 +138,10 @@ def body_loads(
         highest=np.array([1.0] + [body.mass[1] for body in uncertain]),
     )
     places = np.array(about, dtype=float).reshape(-1, 3)
-    _fill(result, wrenches, mass, group, kind, carries, places, middle, radius, erring)
+    for first in range(0, points, BLOCK):
+        some = slice(first, first + BLOCK)
+        wrenches = np.concatenate([part.wrenches[:, some] for part in parts])
+        _fill(result.at(some), wrenches, mass, group, kind, carries, places, middle, radius, erring)
     return result
 
 

@@ -58,7 +58,7 @@ class Simulated:
         Raises KeyboardInterrupt where it was interrupted.
         """
         executions = execute(self._config, planned.plan, speed=speed, numbers=numbers, workers=self._workers)
-        if not executions.complete:
+        if executions.interrupted:
             raise KeyboardInterrupt
         return [_of(outcome) for outcome in executions.outcomes]
 
