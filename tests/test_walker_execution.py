@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -23,6 +24,7 @@ from robustopt.execution.outcome import TrialOutcome
 from robustopt.execution.simulation import Workspace
 from robustopt.execution.trace import trace
 from robustopt.execution.truth import TrueBody, World
+from robustopt.execution.video import HEIGHT, WIDTH
 from robustopt.execution.walker_scene import WalkerScene
 from robustopt.learning.learner import Belief
 from robustopt.learning.moments import ErrorInterval
@@ -262,6 +264,48 @@ def test_nothing_but_contacts_carries_the_robot_whatever_its_file_says(plan, tmp
     assert model.opt.density == model.opt.viscosity == 0.0
 
 
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('contype="1" conaffinity="0" priority="1"', 'contype="16" conaffinity="0" priority="1"'),
+        (
+            '_foot" type="box" size="0.11 0.06 0.015" pos="0.02 0 -0.05"',
+            '_foot" type="box" size="0.11 0.06 0.021" pos="0.02 0 -0.05" contype="1"',
+        ),
+        ("<worldbody>", '<worldbody><geom name="ground" type="plane" size="0 0 1"/>'),
+    ],
+)
+def test_the_feet_touch_the_floor_with_their_contact_points_alone(plan, tmp_path, old, new):
+    """Whatever contact bits these have, however low other geoms of the feet are, and if the file has a floor too."""
+    text = (MODELS / "humanoid.xml").read_text()
+    assert old in text
+    (tmp_path / "feet.xml").write_text(text.replace(old, new))
+    other = plan_of(configured(f"robot.model={tmp_path / 'feet.xml'}"))
+    assert standing(other, other.problem.config)[1]["left_foot"].force[-1] == pytest.approx(
+        standing(plan, configured())[1]["left_foot"].force[-1], abs=1e-3
+    )
+
+
+@pytest.mark.parametrize("scale", [1, 2])
+def test_the_camera_sees_the_whole_robot_all_the_way(plan, tmp_path, scale):
+    """A long walk of the shipped robot, and one step of a robot of twice the size."""
+    walk = "[" + ", ".join(f"{{foot: {'right' if k % 2 else 'left'}, to: [{0.1 * k}, {0.16 * (-1) ** k}]}}"
+                           for k in range(1, 10 if scale == 1 else 2)) + "]"  # fmt: skip
+    config = configured("solver.collocation_points=200", f"path.steps={walk}", f"path.pelvis_height={0.54 * scale}")
+    scene = WalkerScene(config, scene_gains(plan.problem.robot), 0.001)
+    view = scene.view(scene.layout(scene.model(scene.believed)), np.zeros((1, 0)))
+    azimuth, elevation = np.deg2rad([view.azimuth, view.elevation])
+    forward = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+    right = np.array([np.sin(azimuth), -np.cos(azimuth), 0.0])
+    axes = np.array([right, np.cross(right, forward), forward])
+    ends = [0.0, 0.1 * (9 if scale == 1 else 1)]
+    points = np.array([[x, 0.2 * y, z] for x in ends for y in (-1, 1) for z in (0.0, 1.18 * scale)])
+    x, y, depth = axes @ (points - view.lookat).T + np.array([[0.0], [0.0], [view.distance]])
+    half = np.tan(np.deg2rad(45 / 2))
+    assert np.abs(y / depth).max() < half
+    assert np.abs(x / depth).max() < half * WIDTH / HEIGHT
+
+
 def scene_gains(walker: Walker) -> Gains:
     return gains_of(configured(), walker, np.zeros((1, walker.n)))
 
@@ -272,6 +316,19 @@ def test_gains_are_those_of_the_model_file_or_of_the_configuration(plan):
     assert gains.kd == pytest.approx(0.02 * gains.kp)
     config = configured("execution.controller.kp=2000")
     assert gains_of(config, plan.problem.robot, np.zeros((1, N))).kp.tolist() == [2000.0] * (N - 6)
+
+
+def test_default_gains_hold_the_robot_up_however_light_its_feet_are(tmp_path):
+    text = (MODELS / "humanoid.xml").read_text().replace('armature="0.1"', 'armature="0.03"')
+    (tmp_path / "motors.xml").write_text(re.sub(r'<position (.*?) kp="\d+" kv="\d+"', r"<motor \1", text))
+    config = configured(f"robot.model={tmp_path / 'motors.xml'}")
+    plan = plan_of(config)
+    (outcome,) = execute(config, plan, trials=1).outcomes
+    assert outcome.status is Status.SUCCESS
+    gains = gains_of(config, plan.problem.robot, plan.problem.path(np.array([0.0])))
+    height = plan.problem.robot.contacts_and_com(plan.problem.path(np.array([0.0]))[0])[0][2]
+    assert gains.kp[:12].min() >= 9.99 * WEIGHT * height
+    assert gains.kp[13:].max() < 2 * WEIGHT * height, "arms carry nothing"
 
 
 def test_rates_of_the_base_are_the_changes_of_its_coordinates(plan):

@@ -445,6 +445,7 @@ MISTAKES = [
     ("objects={box: {shape: box, size: [0.1, 0.1, 0.1], mass: 1}}", "objects", "found it together with path.steps"),
     ("robot.locked={waist: 0}", "robot.locked", "found it together with path.steps"),
     ("path.blend=0.1", "path.blend", "found it together with path.steps"),
+    ("robot.base={position: [1, 0, 0]}", "robot.base", "begins where path.start says"),
     ("path.steps.0.foot=middle", "path.steps[0].foot", "expected one of left, right"),
     ("path.steps.1.foot=right", "path.steps[1].foot", "expected the feet in turn"),
     ("path.steps=[]", "path.steps", "found no steps"),
@@ -472,6 +473,20 @@ def test_a_mistake_names_its_key_and_what_would_be_right(override: str, key: str
         load_config(CONFIG, [override])
     found = {problem.key: problem.message for problem in caught.value.problems}
     assert words in found.get(key, ""), found
+
+
+@pytest.mark.parametrize(
+    ("steps", "key"),
+    [
+        ("[{foot: left, to: [0.2, -0.3], yaw: 0.3}]", "path.steps[0].yaw"),
+        ("[{foot: left, to: [0.2, -0.3, 0.1]}]", "path.steps[0].to"),
+        ("3", "path.steps"),
+    ],
+)
+def test_steps_that_are_wrong_are_not_taken_for_a_task_with_a_tray(steps: str, key: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        load_config(CONFIG, ["path.start={left: [0, -0.3], right: [0, -0.6]}", f"path.steps={steps}"])
+    assert [problem.key for problem in caught.value.problems] == [key]
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ import numpy as np
 from robustopt.config.document import Key
 from robustopt.config.geometry import RESOLUTION, common_direction
 from robustopt.config.model import FEET, Config, RailConfig, StanceConfig, TrayConfig
+from robustopt.config.section import Pose
 
 Finding = tuple[Key, str]
 
@@ -53,6 +54,8 @@ def _without_tray(config: Config) -> Iterator[Finding]:
     for key, given in foreign:
         if given:
             yield key, "found it together with path.steps; a robot on its feet carries nothing and moves all its joints"
+    if config.robot.base != Pose():
+        yield ("robot", "base"), "found it together with path.steps; a robot on its feet begins where path.start says"
     execution = config.execution
     if execution is not None and execution.controller.feedforward == "gravity":
         message = "found gravity with path.steps; expected computed_torque: without the torque of its contact forces a "

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from robustopt.config import BASE_COORDINATES as BASE
-from robustopt.config import Config, UncertaintyConfig
+from robustopt.config import FEET, Config, UncertaintyConfig
 from robustopt.errors import ConfigError
 from robustopt.problem.uncertainty import Body, bodies, regressor
 from robustopt.robot import Robot
@@ -28,6 +28,10 @@ Array = NDArray[np.float64]
 
 BANDWIDTH = 50.0
 """Natural frequency of the default gains [rad/s], about that of the first joint of the shipped robot (our choice)."""
+
+UPRIGHT = 10.0
+"""How many times stiffer than a robot topples the default gains of its legs are at least: about what those of the
+shipped humanoid are (our choice)."""
 
 STABILITY = 0.5
 """Part of the way to the instability of the sampled controller that default gains may go (our choice)."""
@@ -88,7 +92,8 @@ def gains_of(config: Config, robot: Robot | Walker, q: Array) -> Gains:
 
     Actuators that count are `pid` ones, those of a robot on its feet also `position` ones. Default of a joint with
     inertia I, the largest of robot and load at coordinates q (P, n), and bandwidth w: kp = I w^2, kd = 2 I w, ki = 0
-    (critical damping); of the joints of an arm less of I where that would be unstable, see `_stable_part`.
+    (critical damping); of the joints of an arm less of I where that would be unstable, see `_stable_part`; legs are
+    stiffer, see `_gains_on_feet`.
     """
     assert config.execution is not None
     given = config.execution.controller
@@ -233,13 +238,11 @@ def _default_gains(
     """Gains from the inertia of the joints at coordinates q (P, n), by joint name."""
     assert config.execution is not None
     if isinstance(robot, Walker):
-        inertia = _inertia_on_feet(robot, q)
+        kp, kd = _gains_on_feet(config, robot, q)
     else:
         inertia = _stable_part(*_inertia(config, robot, q), config.execution.timestep)
-    return {
-        name: {"kp": part * BANDWIDTH**2, "ki": 0.0, "kd": 2 * part * BANDWIDTH}
-        for name, part in zip(names, inertia.tolist(), strict=True)
-    }
+        kp, kd = inertia * BANDWIDTH**2, 2 * inertia * BANDWIDTH
+    return {name: {"kp": kp[k], "ki": 0.0, "kd": kd[k]} for k, name in enumerate(names)}
 
 
 def _stable_part(largest: Array, matrices: Array, h: float) -> Array:
@@ -273,10 +276,21 @@ def _stable_part(largest: Array, matrices: Array, h: float) -> Array:
     return np.minimum(largest, low * alone)
 
 
-def _inertia_on_feet(robot: Walker, q: Array) -> Array:
-    """Largest diagonal of the mass matrix of the joints of a robot on its feet at coordinates q (P, n), (m,)."""
+def _gains_on_feet(config: Config, robot: Walker, q: Array) -> tuple[Array, Array]:
+    """kp and kd of the joints of a robot on its feet at coordinates q (P, n), (m,) each.
+
+    I is the largest diagonal of the mass matrix, of a limb in the air. A joint of a leg that stands holds up all the
+    rest, which topples with the torque m g h per radian (h: height of the centre of mass): however light the foot, its
+    kp is at least `UPRIGHT` times that. kd = 2 sqrt(kp I) damps the limb in the air critically.
+    """
     matrices = robot.dynamics(q, np.zeros_like(q), np.zeros_like(q)).mass_matrix
-    return np.asarray(np.diagonal(matrices, axis1=1, axis2=2).max(axis=0)[BASE:])
+    inertia = np.diagonal(matrices, axis1=1, axis2=2).max(axis=0)
+    kp = inertia * BANDWIDTH**2
+    height = max(float(robot.contacts_and_com(qi)[0] @ robot.up) for qi in q)
+    toppling = robot.mass * float(np.linalg.norm(config.gravity)) * height
+    legs = np.unique(np.concatenate([robot.chains[foot] for foot in FEET]))
+    kp[legs] = np.maximum(kp[legs], UPRIGHT * toppling)
+    return kp[BASE:], 2 * np.sqrt(kp * inertia)[BASE:]
 
 
 def _inertia(config: Config, robot: Robot, q: Array) -> tuple[Array, Array]:

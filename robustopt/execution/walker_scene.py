@@ -37,13 +37,13 @@ PALM_SPHERE = 0.01
 SOLREF, SOLIMP = (0.005, 1.0), (0.95, 0.99, 0.001, 0.5, 2.0)
 """Stiffness of a hand's contacts: as that of the feet of the shipped humanoid."""
 
-DISTANCE, AZIMUTH, ELEVATION = 1.8, 110.0, -14.0
-"""Place of the camera: from the trunk's path [m], about the vertical and above the horizon [deg]; on the side of the
-hand that is on a rail, else on the right."""
+DISTANCE, AZIMUTH, ELEVATION = 3.2, 110.0, -14.0
+"""Place of the camera: from the middle of the walk, in heights of the pelvis and with the length of the walk on top;
+about the vertical and above the horizon [deg]; on the side of the hand that is on a rail, else on the right."""
 
-FALLEN, ON_RAIL = 1 << 20, 1 << 21
-"""Contact bits of all that touches the floor only when the robot has fallen, everything but the feet, and of the hand
-that rests on a rail."""
+FALLEN, ON_RAIL, ON_FLOOR = 1 << 20, 1 << 21, 1 << 22
+"""Contact bits of all that touches the floor only when the robot has fallen, everything but the feet, of the hand that
+rests on a rail, and of the contact points of the feet, whatever bits the model file gives them and other geoms."""
 
 CONTACT_FIELDS = (mujoco.mjtConDataField.mjCONDATA_FORCE, mujoco.mjtConDataField.mjCONDATA_TORQUE,
                   mujoco.mjtConDataField.mjCONDATA_POS)  # fmt: skip
@@ -159,9 +159,10 @@ class WalkerScene:
 
     def view(self, layout: WalkerLayout, qpos: Array) -> View:
         """A camera that sees the whole way of the robot."""
-        middle = np.mean([standing[foot].position[:2] for standing in self._places for foot in FEET], axis=0)
+        feet = np.array([[standing[foot].position[:2] for foot in FEET] for standing in self._places])
+        height, way = float(self.walker.posture[2]), float(np.ptp(feet.mean(axis=1), axis=0).max())
         azimuth = -AZIMUTH if "left_hand" in self.walker.contacts else AZIMUTH
-        return View(np.append(middle, float(self.walker.posture[2])), DISTANCE, azimuth, ELEVATION)
+        return View(np.append(feet.mean(axis=(0, 1)), height), DISTANCE * height + way, azimuth, ELEVATION)
 
     # Parts of the specification ---------------------------------------------------------------------------
 
@@ -181,7 +182,8 @@ class WalkerScene:
             )
             actuator.set_to_pid(kp=gains.kp[i], kv=gains.kd[i], ki=gains.ki[i], ctrlspec=gains.inputs)
         spec.worldbody.add_geom(
-            name=FLOOR, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 0.05], contype=1, conaffinity=1 | FALLEN,
+            name=FLOOR, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 0.05], contype=0,
+            conaffinity=ON_FLOOR | FALLEN,
         )  # fmt: skip
         on_feet = {spec.site(foot).parent.name for foot in FEET}
         for geom in spec.geoms:
@@ -196,6 +198,8 @@ class WalkerScene:
             _inset(spec, name, axes, self._truth.contact_inset.get(name, 0.0))
             for sphere in _spheres(spec, name):
                 sphere.condim, sphere.priority = 3, 1
+                if name in FEET:
+                    sphere.contype, sphere.conaffinity = ON_FLOOR, 0
             _add_sensors(spec, name, FLOOR if name in FEET else RAIL)
         return spec
 
