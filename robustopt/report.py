@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from robustopt.runs.learning_table import LEGEND, table
+from robustopt.runs.learning_table import legend, table
 
 if TYPE_CHECKING:
     from robustopt.runs.execution_run import ExecutionResult
@@ -23,6 +23,9 @@ MOST_LIMITS = 8
 """Limits that are shown by name; the rest are summed up."""
 
 PAGE = "report.html"
+
+MANY_COLUMNS = 10
+"""More columns stand closer together in the terminal."""
 
 LONGEST_HEAD = 13
 """Width of a column in the terminal; a longer head is folded."""
@@ -173,7 +176,7 @@ def print_summary(data: Mapping[str, Any], console: Console, place: Path) -> Non
     console.print(Text(str(data["message"])))
     if data.get("learning"):
         console.print(iterations_table(data["learning"]["rows"]))
-        console.print(Text(LEGEND, style="dim"))
+        console.print(Text(legend(data["learning"]["rows"]), style="dim"))
     for title, lines in sections(data):
         print_rows(title, lines, console)
     console.print(Text.assemble("Files in ", (str(place), "bold")), soft_wrap=True)
@@ -192,7 +195,8 @@ def print_rows(title: str, lines: Sequence[Row], console: Console) -> None:
 def iterations_table(records: Sequence[Mapping[str, Any]]) -> Table:
     """The iterations of a learner, a line per plan."""
     heads, lines = table(records)
-    shown = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    gap = 1 if len(heads) <= MANY_COLUMNS else 0  # on top of the space that any two columns have between them
+    shown = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, gap, 0, 0))
     for head in heads:
         long = len(head) > LONGEST_HEAD
         justify: Any = "left" if head in ("Rslt", "Spdup") else "right"
@@ -270,8 +274,8 @@ def _iterations(records: Sequence[Mapping[str, Any]]) -> str:
     heads, lines = table(records)
     head = "".join(f"<th>{escape(name)}</th>" for name in heads)
     body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in line)}</tr>\n" for line in lines)
-    legend = f"<p>{escape(LEGEND)}</p>\n"
-    return f'<h2>Iterations</h2>\n<table class="iterations"><tr>{head}</tr>\n{body}</table>\n{legend}'
+    meanings = f"<p>{escape(legend(records))}</p>\n"
+    return f'<h2>Iterations</h2>\n<table class="iterations"><tr>{head}</tr>\n{body}</table>\n{meanings}'
 
 
 def _table(lines: Sequence[Row]) -> str:

@@ -14,13 +14,14 @@ from pathlib import Path
 
 import pytest
 from learning_tasks import remember_plans, task
+from rich.console import Console
 
 from robustopt import report, terminal
 from robustopt.config import dump, load_config
 from robustopt.errors import RunFolderError, SolverFailed
 from robustopt.execution import Status
 from robustopt.interruption import interruptions, on_interrupt
-from robustopt.runs import beliefs, executors, learning_run
+from robustopt.runs import beliefs, executors, learning_run, learning_table
 from robustopt.runs.journal import Journal
 from robustopt.runs.store import JOURNAL, read_summary
 
@@ -440,6 +441,22 @@ def test_a_person_who_watches_sees_that_the_first_plans_are_made(monkeypatch):
     with terminal.learning_table(silent=False):
         pass
     assert "planning" in watched.getvalue()
+
+
+@pytest.mark.parametrize("count", [2, 5])
+def test_many_parameters_fit_into_a_terminal(count):
+    keys = ["contact.friction.lower", "contact.friction.upper", "objects.upper.mass", "tray.mass", "seed"][:count]
+    row = {"duration": 3.2345, "result": "success", "incumbent": 3.301, "lower_bound": 3.102, "executions": 1}
+    fresh = {"successes": 1, "success_rate": 1.0, "success_low": 0.963, "success_high": 1.0}
+    rows = [{"iteration": 12, "parameters": dict.fromkeys(keys, 0.4444), **row, **fresh}]
+    shown = io.StringIO()
+    Console(file=shown, width=80).print(report.iterations_table(rows))
+    text = shown.getvalue()
+    assert text.count("0.444") == count
+    assert all(cell in text for cell in ("12", "3.235", "3.301", "3.102", "1/1", "100 % (96-100)"))
+    heads, _ = learning_table.table(rows)
+    assert heads[1 : count + 1] == (["lower", "upper"] if count == 2 else ["p1", "p2", "p3", "p4", "p5"])
+    assert all(f"p{i}: {key};" in learning_table.legend(rows) for i, key in enumerate(keys, 1)) == (count == 5)
 
 
 # Bad input ------------------------------------------------------------------------------------------------

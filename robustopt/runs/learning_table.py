@@ -64,15 +64,26 @@ def _fresh(record: Record) -> str:
 
 
 def _parameters(records: Sequence[Record]) -> list[Shown]:
-    """A column for each learned parameter, named by the end of its key in the configuration."""
-    keys = list(dict.fromkeys(key for record in records for key in record.get("parameters") or {}))
-    return [Shown(_short(key, keys), _parameter(key)) for key in keys]
+    """A column for each learned parameter, named by the end of its key in the configuration; many are numbered."""
+    keys = _keys(records)
+    many = len(keys) > NAMED
+    heads = _numbered(keys) if many else [_short(key, keys) for key in keys]
+    form = ".3g" if many else ".4g"
+    return [Shown(head, _parameter(key, form)) for head, key in zip(heads, keys, strict=True)]
 
 
-def _parameter(key: str) -> Callable[[Record], str]:
+def _keys(records: Sequence[Record]) -> list[str]:
+    return list(dict.fromkeys(key for record in records for key in record.get("parameters") or {}))
+
+
+def _numbered(keys: Sequence[str]) -> list[str]:
+    return [f"p{i}" for i in range(1, len(keys) + 1)]
+
+
+def _parameter(key: str, form: str) -> Callable[[Record], str]:
     def text(record: Record) -> str:
         value = (record.get("parameters") or {}).get(key)
-        return "" if value is None else f"{value:.4g}"
+        return "" if value is None else format(value, form)
 
     return text
 
@@ -102,12 +113,22 @@ COLUMNS = (
     Shown("luck", number("bad_luck", ".2f")),
     Shown("fresh", _fresh),
 )
-LEGEND = (
+NAMED = 3
+"""Most learned parameters whose columns have their names as heads: more would not fit into a terminal."""
+
+_LEGEND = (
     "Rslt: S success, F failure, ? undecided, - hardly faster than the best and so not executed; Spdup: the same path "
     "faster; upp, low: interval of mu after it; +-err: widest interval of the acceleration error that was planned for "
     "[rad/s^2 or m/s^2]; S/n: successes of executions; luck: probability that a plan which failed meets the success "
     "rate in question all the same; fresh: successes of fresh executions."
 )
+
+
+def legend(records: Sequence[Record]) -> str:
+    """What the columns of these records mean."""
+    keys = _keys(records)
+    numbered = [f"{head}: {key}; " for head, key in zip(_numbered(keys), keys, strict=True)]
+    return "".join(numbered if len(keys) > NAMED else ()) + _LEGEND
 
 
 def table(records: Sequence[Record]) -> tuple[list[str], list[list[str]]]:
