@@ -69,7 +69,8 @@ includes the certificate and the run folder.
 BATCH = """## Batches
 
 Durations of two blocks, N = 200, for settings of the beliefs drawn at random: `BatchPlanner`, with nothing remembered
-from setting to setting but robot, path and dynamics. The same plans, one by one, bit for bit.
+from setting to setting but robot, path and dynamics. The same plans, one by one, bit for bit. The worker processes have
+been begun by an earlier batch, as in a learner: beginning them takes about two seconds, once.
 """
 
 PAPERS_SPLIT = """## The paper's split

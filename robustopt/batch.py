@@ -22,7 +22,7 @@ from robustopt.config.document import Key, split_key
 from robustopt.errors import ConfigError, SolverFailed
 from robustopt.problem import TimeScalingProblem, rows_along, track_of
 from robustopt.problem.track import Track
-from robustopt.processes import cores, in_processes
+from robustopt.processes import begun, cores, in_processes
 from robustopt.timescaling import Plan, Status, solve
 
 Array = np.ndarray
@@ -46,11 +46,9 @@ BELIEFS = (
 )
 """Keys, or sections of keys, that may differ between the settings of a batch: they concern neither robot nor path."""
 
-ALONE = 0.3
-"""How long one process plans before it asks what is left [s]."""
-
-WORTHWHILE = 2.0
-"""Work for which other processes are started, which takes about as long [s]."""
+ALONE, STARTED = (0.3, 2.0), (0.05, 0.3)
+"""How long one process plans before it asks what is left, and the work that it then shares with others [s]: where these
+must be started, which takes about as long, and where they are there already."""
 
 PARTS = 8
 """Parts of the work for each process, so that none waits long for the others."""
@@ -94,7 +92,8 @@ class BatchPlanner:
         for count, setting in enumerate(settings[1:], 1):
             found.append(self._duration(setting))
             spent, left = time.perf_counter() - began, len(settings) - len(found)
-            if self.workers > 1 and spent > ALONE and left * spent / count > WORTHWHILE:
+            alone, worthwhile = STARTED if begun() else ALONE
+            if self.workers > 1 and spent > alone and left * spent / count > worthwhile:
                 return np.array(found + self._durations_by_processes(settings[-left:]))
         return np.array(found)
 

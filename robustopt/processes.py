@@ -27,6 +27,14 @@ ORPHANED = 0.5
 """How often a worker looks whether the process that began it still lives [s]."""
 
 
+_begun = False
+
+
+def begun() -> bool:
+    """Whether this process has worker processes already, which then need no time to start."""
+    return _begun
+
+
 def cores() -> int:
     """Processor cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -42,6 +50,8 @@ def in_processes(
     from joblib import Parallel, delayed
     from joblib.externals.loky.process_executor import TerminatedWorkerError
 
+    global _begun
+    _begun = True
     done = 0
     for attempt in range(RETRIES + 1):
         parallel: Any = Parallel(n_jobs=processes, return_as="generator", pre_dispatch=processes)
@@ -108,6 +118,8 @@ def end_processes() -> None:
         return
     from joblib.externals.loky import get_reusable_executor
 
+    global _begun
+    _begun = False
     with held():
         get_reusable_executor(reuse=True).shutdown(wait=True, kill_workers=True)
         gc.collect()

@@ -16,6 +16,7 @@ from robustopt.batch import BatchPlanner, with_beliefs
 from robustopt.config import Config, load_config, with_values
 from robustopt.errors import ConfigError, SolverFailed
 from robustopt.problem import build_problem
+from robustopt.processes import end_processes, in_processes
 from robustopt.timescaling import Plan, Status, solve
 
 CONFIGS = Path(__file__).parents[1] / "configs"
@@ -90,8 +91,8 @@ def test_the_order_of_the_settings_does_not_matter() -> None:
 
 def test_processes_plan_what_one_does(monkeypatch: pytest.MonkeyPatch) -> None:
     """The same bits; and what is wrong with a setting is said as it is here."""
-    monkeypatch.setattr(batch, "ALONE", 0.0)
-    monkeypatch.setattr(batch, "WORTHWHILE", 0.0)
+    monkeypatch.setattr(batch, "ALONE", (0.0, 0.0))
+    monkeypatch.setattr(batch, "STARTED", (0.0, 0.0))
     monkeypatch.setattr(batch, "cores", lambda: 2)
     config, rng = config_of("waiter_two_blocks"), np.random.default_rng(1)
     settings = [{"contact.friction": mu, HEIGHT: h} for mu, h in rng.uniform([0.1, -0.02], [1.0, 0.02], (40, 2))]
@@ -104,6 +105,23 @@ def test_processes_plan_what_one_does(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(ConfigError, match="found -1") as error:
         shared.durations([*settings[:3], {"contact.friction": -1.0}])
     assert [problem.key for problem in error.value.problems] == ["contact.friction"]
+
+
+def test_processes_that_are_there_share_what_is_not_worth_starting_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    config, settings = config_of("waiter_two_blocks"), [{"contact.friction": mu} for mu in np.linspace(0.2, 0.4, 20)]
+    monkeypatch.setattr(batch, "cores", lambda: 2)
+    monkeypatch.setattr(batch, "ALONE", (0.0, 1e9))
+    monkeypatch.setattr(batch, "STARTED", (0.0, 0.0))
+    planner = BatchPlanner(config, workers=2)
+    shared: list[int] = []
+    share = planner._durations_by_processes
+    monkeypatch.setattr(planner, "_durations_by_processes", lambda rest: shared.append(len(rest)) or share(rest))
+    end_processes()
+    alone = planner.plan_durations(settings)
+    assert shared == []
+    list(in_processes(abs, [(1,), (2,)], 2, SolverFailed))
+    assert planner.plan_durations(settings).tobytes() == alone.tobytes()
+    assert shared == [18]
 
 
 def test_what_is_worse_for_the_robot_never_shortens_the_plan() -> None:

@@ -28,6 +28,14 @@ def _later(seconds: float) -> threading.Timer:
     return timer
 
 
+@pytest.fixture(autouse=True)
+def heard():
+    """Ctrl-C raises KeyboardInterrupt, even where the tests run in the background of a shell, which ignores it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 @pytest.fixture
 def listening(monkeypatch):
     """As a command does, until the end of the test."""
