@@ -28,7 +28,7 @@ from robustopt.commands import (
     stored_summary,
 )
 from robustopt.errors import ConfigError, RobustOptError
-from robustopt.interruption import INTERRUPTED, Kept, interruptions, listen
+from robustopt.interruption import INTERRUPTED, STOPS, Kept, interruptions, listen, on_interrupt
 from robustopt.processes import end_processes
 from robustopt.terminal import fail, print_json, show, show_runs
 
@@ -331,14 +331,15 @@ def main() -> None:
         code = run(sys.argv[1:])
     except KeyboardInterrupt:  # once more, while the first one was being reported
         code = INTERRUPTED
-    if code == INTERRUPTED:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
     _leave(code)
 
 
 def _leave(code: int) -> NoReturn:
     """End this process at once: taking down all that was imported takes as long as a plan, and what was interrupted
-    inside a library may complain of it."""
+    inside a library may complain of it. What asks it once more to stop ends it without a word."""
+    for number in STOPS:
+        if signal.getsignal(number) is on_interrupt:
+            signal.signal(number, signal.SIG_DFL)
     with suppress(Exception):
         end_processes()
         atexit._run_exitfuncs()

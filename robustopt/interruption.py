@@ -66,15 +66,15 @@ def held() -> Generator[list[int], None, None]:
     if threading.current_thread() is not threading.main_thread():
         yield came
         return
-    handlers = {
-        number: signal.signal(number, lambda number, _frame: came.append(number))
-        for number in STOPS
-        if signal.getsignal(number) not in (signal.SIG_IGN, None)  # None: not of Python, which cannot restore it
-    }
+    handlers = {number: signal.getsignal(number) for number in STOPS}
+    unheard = (signal.SIG_IGN, None)  # None: not of Python, which cannot restore it
+    heard = [number for number in STOPS if handlers[number] not in unheard]
     try:
+        for number in heard:
+            signal.signal(number, lambda number, _frame: came.append(number))
         yield came
     finally:
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
+        for number in reversed(heard):  # Ctrl-C last, which may end this loop
+            signal.signal(number, handlers[number])
         for signal_number in came:
             signal.raise_signal(signal_number)

@@ -52,7 +52,6 @@ def in_processes(
 
     global _begun
     _begun = True
-    resource_tracker.ensure_running()  # begun with the first worker it would let the second hear Ctrl-C again
     done = 0
     for attempt in range(RETRIES + 1):
         parallel: Any = Parallel(n_jobs=processes, return_as="generator", pre_dispatch=processes)
@@ -105,6 +104,7 @@ def _deaf_children() -> Generator[None, None, None]:
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return
+    resource_tracker.ensure_running()  # begun with the first worker it would let the second hear Ctrl-C again
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, [n for n in STOPS if n != signal.SIGTERM])
     try:
         yield

@@ -269,6 +269,11 @@ def test_a_run_that_was_edited_is_refused(run, tmp_path, stored):
     faster = [[*line[:2], repr(2 * float(line[2])), *line[3:]] for line in lines[1:]]
     plan.write_text("\n".join(map(",".join, [lines[0], *faster])))
     assert "its times are not those of its speeds sd" in run("execute", "speeds")[2]
+    slower = [[*line[:2], "0.0", *line[3:]] for line in lines[1:]]
+    (copy("stands") / "plan.csv").write_text("\n".join(map(",".join, [lines[0], *slower])))
+    code, _, err = run("execute", "stands")
+    assert code == 2
+    assert "its times are not those of its speeds sd" in err
     plan = copy("short") / "plan.csv"
     plan.write_text(plan.read_text()[:5000])
     assert "is cut short, or has been changed" in run("execute", "short")[2]

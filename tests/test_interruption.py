@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robustopt import interruption
+from robustopt import interruption, processes
 from robustopt.config import load_config
 from robustopt.errors import SimulationFailed
 from robustopt.interruption import held
@@ -82,6 +82,36 @@ def test_other_threads_and_quiet_blocks_are_not_concerned():
     assert (came, signal.getsignal(signal.SIGINT)) == ([], handler)
 
 
+@pytest.mark.parametrize("step", range(6))
+def test_no_handler_is_left_behind_whenever_an_interruption_comes(step, monkeypatch):
+    """At each step of holding three signals and of letting them go; Ctrl-C alone ends a program with an exception."""
+    previous = {number: signal.getsignal(number) for number in interruption.STOPS}
+    change, steps = signal.signal, 0
+
+    def interrupted(number, handler):
+        nonlocal steps
+        steps += 1
+        result = change(number, handler)
+        if steps == step + 1:
+            signal.raise_signal(signal.SIGINT)
+        return result
+
+    monkeypatch.setattr(signal, "signal", interrupted)
+    with pytest.raises(KeyboardInterrupt), held():
+        pass
+    assert {number: signal.getsignal(number) for number in interruption.STOPS} == previous
+
+
+@pytest.mark.parametrize("number", interruption.STOPS)
+def test_an_interruption_while_a_command_ends_leaves_no_traceback(number):
+    code = (
+        "import signal, sys; from robustopt import cli; sys.argv = ['robustopt', '--version']; "
+        f"cli.end_processes = lambda: signal.raise_signal({int(number)}); cli.main()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (-number, "")
+
+
 @pytest.mark.parametrize(("error", "told"), [(KeyboardInterrupt(), False), (ValueError("lost"), True)])
 def test_what_cannot_be_raised_is_told_unless_it_is_an_interruption(error, told, listening, capfd):
     class Failing:
@@ -122,6 +152,14 @@ def test_workers_do_not_hear_the_interruption_of_a_terminal():
     for pid, _ in told:
         with pytest.raises(ProcessLookupError):
             os.kill(pid, 0)
+
+
+def test_where_signals_cannot_be_blocked_no_tracker_of_posix_is_begun(monkeypatch):
+    """As on Windows, which has none."""
+    monkeypatch.delattr(signal, "pthread_sigmask")
+    monkeypatch.setattr(processes.resource_tracker, "ensure_running", lambda: pytest.fail("begun"))
+    monkeypatch.setattr("joblib.Parallel", lambda **_: lambda tasks: (call(*given) for call, given, _ in tasks))
+    assert list(in_processes(abs, [(-1,), (2,)], 2, SimulationFailed)) == [1, 2]
 
 
 def test_ipopt_stops_soon_and_says_nothing_of_its_own(capfd):

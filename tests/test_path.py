@@ -512,10 +512,21 @@ def test_a_missing_csv_file_is_named() -> None:
     assert f"{FIXTURES / 'nowhere.csv'}: cannot be read" in refused({"joints": "nowhere.csv"})
 
 
+@pytest.mark.parametrize("decimals", [9, 17])
+def test_a_log_that_begins_and_ends_slowly_is_taken(decimals: int) -> None:
+    """2 s at 1 kHz from rest to rest: its first and last waypoints are 4e-7 of the path apart."""
+    t = np.arange(2001) / 1000
+    s = np.where(t < 1, t**2 / 2, 1 - (2 - t) ** 2 / 2)
+    path, _ = build({"joints": np.round(np.column_stack([s, np.sin(s), 0 * s, s / 3]), decimals).tolist()})
+    tangents = path(np.array([0.0, 1.0]), 1)
+    np.testing.assert_allclose(tangents[:, 1] / tangents[:, 0], np.cos([0.0, 1.0]), atol=2e-3)
+    np.testing.assert_allclose(tangents[:, 3] / tangents[:, 0], 1 / 3, atol=2e-3)
+
+
 def test_repeated_and_misshapen_waypoints_are_errors() -> None:
     rest = [0.0, 0.0, 0.0, 0.0]
     assert "path.joints[1]: repeats joints[0]" in refused({"joints": [rest, rest, [1, 0, 0, 0]]})
-    nearly = [1.0 + 5e-7, 0, 0, 0]
+    nearly = [1.0, 5e-7, 0, 0]
     assert "path.joints[2]: repeats joints[1]" in refused({"joints": [rest, [1, 0, 0, 0], nearly, [2, 0, 0, 0]]})
     message = refused({"joints": [rest, [1, 0, 0], [1, 0, 0, 0, 0]]})
     assert "path.joints[1]: has 3 values; the robot has 4 joints" in message

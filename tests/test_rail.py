@@ -294,8 +294,14 @@ def test_a_hand_loses_contact_where_it_is_pulled_off(fine: Plan) -> None:
     assert all(item.objects[HAND].lift > 0.002 for item in lost)
 
 
-def test_the_rail_and_the_palm_are_in_the_model(fine: Plan) -> None:
-    config = configured("path.rail.normal=[0, -1, 2]", "execution.truth.contact_inset={left_hand: 0.01}")
+def test_the_rail_and_the_palm_are_in_the_model(fine: Plan, tmp_path: Path) -> None:
+    """And a knuckle of the model file is no part of the palm."""
+    text, hand = (MODELS / "humanoid.xml").read_text(), '<geom name="left_hand"'
+    assert text.count(hand) == 1
+    knuckle = '<geom name="knuckle" type="sphere" size="0.01" pos="0 0 -0.01" mass="0" conaffinity="8"/>'
+    (tmp_path / "knuckle.xml").write_text(text.replace(hand, knuckle + hand))
+    inset = "execution.truth.contact_inset={left_hand: 0.01}"
+    config = configured("path.rail.normal=[0, -1, 2]", inset, f"robot.model={tmp_path / 'knuckle.xml'}")
     scene = prepare(config, solve(build_problem(config))).scene
     model = scene.model(scene.believed)
     data, axes = mujoco.MjData(model), contact_axes([0, -1, 2], [1, 0, 0])
@@ -305,6 +311,7 @@ def test_the_rail_and_the_palm_are_in_the_model(fine: Plan) -> None:
     local = (data.geom_xpos[spheres] - [0.3, 0.27, 0.7]) @ axes
     np.testing.assert_allclose(np.abs(local), np.broadcast_to([0.03, 0.015, 0.01], (4, 3)), atol=2e-3)
     assert model.geom_friction[spheres, 0] == pytest.approx(0.5)
+    np.testing.assert_array_equal(model.geom("knuckle").pos, [0.0, 0.0, -0.01])
     rail = model.geom("robustopt_rail")
     np.testing.assert_allclose(data.geom_xmat[rail.id].reshape(3, 3), axes, atol=1e-12)
     assert model.geom_conaffinity[rail.id] & model.geom_contype[spheres].max()

@@ -272,6 +272,10 @@ def test_nothing_but_contacts_carries_the_robot_whatever_its_file_says(plan, tmp
             '_foot" type="box" size="0.11 0.06 0.015" pos="0.02 0 -0.05"',
             '_foot" type="box" size="0.11 0.06 0.021" pos="0.02 0 -0.05" contype="1"',
         ),
+        (
+            '_foot" type="box" size="0.11 0.06 0.015" pos="0.02 0 -0.05"',
+            '_foot" type="box" size="0.11 0.06 0.021" pos="0.02 0 -0.05" contype="7340032" conaffinity="0"',
+        ),
         ("<worldbody>", '<worldbody><geom name="ground" type="plane" size="0 0 1"/>'),
     ],
 )
@@ -318,8 +322,9 @@ def test_gains_are_those_of_the_model_file_or_of_the_configuration(plan):
     assert gains_of(config, plan.problem.robot, np.zeros((1, N))).kp.tolist() == [2000.0] * (N - 6)
 
 
-def test_default_gains_hold_the_robot_up_however_light_its_feet_are(tmp_path):
-    text = (MODELS / "humanoid.xml").read_text().replace('armature="0.1"', 'armature="0.03"')
+@pytest.mark.parametrize("armature", [0.03, 0.01, 0.0])
+def test_default_gains_hold_the_robot_up_however_light_its_feet_are(armature, tmp_path):
+    text = (MODELS / "humanoid.xml").read_text().replace('armature="0.1"', f'armature="{armature}"')
     (tmp_path / "motors.xml").write_text(re.sub(r'<position (.*?) kp="\d+" kv="\d+"', r"<motor \1", text))
     config = configured(f"robot.model={tmp_path / 'motors.xml'}")
     plan = plan_of(config)

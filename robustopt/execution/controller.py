@@ -264,8 +264,7 @@ def _stable_part(largest: Array, matrices: Array, h: float) -> Array:
     stiffness = (h * BANDWIDTH) ** 2 / 4 + h * BANDWIDTH
 
     def reached(multiple: float) -> float:
-        root = np.sqrt(stiffness * np.minimum(largest, multiple * alone))
-        return float(np.linalg.eigvalsh(root[:, None] * flexibility * root).max())
+        return _largest_share(stiffness * np.minimum(largest, multiple * alone), flexibility)
 
     low, high = STABILITY / (stiffness * len(largest)), float((largest / alone).max())
     if stiffness >= 1 or reached(high) <= STABILITY:
@@ -276,13 +275,22 @@ def _stable_part(largest: Array, matrices: Array, h: float) -> Array:
     return np.minimum(largest, low * alone)
 
 
+def _largest_share(stiffness: Array, flexibility: np.ndarray) -> float:
+    """Largest part of the inertia of joints, whose inverse is flexibility (P, m, m), that a diagonal (m,) comes to."""
+    root = np.sqrt(stiffness)
+    return float(np.linalg.eigvalsh(root[:, None] * flexibility * root).max())
+
+
 def _gains_on_feet(config: Config, robot: Walker, q: Array) -> tuple[Array, Array]:
     """kp and kd of the joints of a robot on its feet at coordinates q (P, n), (m,) each.
 
     I is the largest diagonal of the mass matrix, of a limb in the air. A joint of a leg that stands holds up all the
     rest, which topples with the torque m g h per radian (h: height of the centre of mass): however light the foot, its
-    kp is at least `UPRIGHT` times that. kd = 2 sqrt(kp I) damps the limb in the air critically.
+    kp is at least `UPRIGHT` times that. kd = 2 sqrt(kp I) damps the limb in the air critically, and is a part of that
+    for all joints where the sampled controller would else go more than `STABILITY` of the way (see `require_stable`).
     """
+    assert config.execution is not None
+    h = config.execution.timestep
     matrices = robot.dynamics(q, np.zeros_like(q), np.zeros_like(q)).mass_matrix
     inertia = np.diagonal(matrices, axis1=1, axis2=2).max(axis=0)
     kp = inertia * BANDWIDTH**2
@@ -290,7 +298,12 @@ def _gains_on_feet(config: Config, robot: Walker, q: Array) -> tuple[Array, Arra
     toppling = robot.mass * float(np.linalg.norm(config.gravity)) * height
     legs = np.unique(np.concatenate([robot.chains[foot] for foot in FEET]))
     kp[legs] = np.maximum(kp[legs], UPRIGHT * toppling)
-    return kp[BASE:], 2 * np.sqrt(kp * inertia)[BASE:]
+    kp, kd = kp[BASE:], 2 * np.sqrt(kp * inertia)[BASE:]
+    flexibility = np.linalg.inv(matrices)[:, BASE:, BASE:]  # while the base gives way
+    from_kp, from_kd = _largest_share(h**2 * kp / 4, flexibility), _largest_share(h * kd / 2, flexibility)
+    if from_kp < STABILITY:  # else the time step is for the user to mend
+        kd = kd * min(1.0, (STABILITY - from_kp) / from_kd)
+    return kp, kd
 
 
 def _inertia(config: Config, robot: Robot, q: Array) -> tuple[Array, Array]:

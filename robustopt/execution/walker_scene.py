@@ -44,6 +44,8 @@ about the vertical and above the horizon [deg]; on the side of the hand that is 
 FALLEN, ON_RAIL, ON_FLOOR = 1 << 20, 1 << 21, 1 << 22
 """Contact bits of all that touches the floor only when the robot has fallen, everything but the feet, of the hand that
 rests on a rail, and of the contact points of the feet, whatever bits the model file gives them and other geoms."""
+OWN = FALLEN | ON_RAIL | ON_FLOOR
+"""All of them, which are taken from the geoms of the model file."""
 
 CONTACT_FIELDS = (mujoco.mjtConDataField.mjCONDATA_FORCE, mujoco.mjtConDataField.mjCONDATA_TORQUE,
                   mujoco.mjtConDataField.mjCONDATA_POS)  # fmt: skip
@@ -187,8 +189,10 @@ class WalkerScene:
         )  # fmt: skip
         on_feet = {spec.site(foot).parent.name for foot in FEET}
         for geom in spec.geoms:
-            if geom.parent.name not in on_feet and geom.name != FLOOR:
-                geom.contype |= FALLEN
+            on_foot = geom.parent.name in on_feet
+            if geom.name != FLOOR and not (on_foot and geom.type == mujoco.mjtGeom.mjGEOM_SPHERE):
+                geom.contype, geom.conaffinity = geom.contype & ~OWN, geom.conaffinity & ~OWN
+                geom.contype |= 0 if on_foot else FALLEN
         if config.path.rail is not None:
             _add_rail(spec, config.path.rail)
         for name, sole in self.walker.contacts.items():
@@ -261,7 +265,7 @@ def _spheres(spec: mujoco.MjSpec, contact: str) -> list[mujoco.MjsGeom]:
     """Spheres of a foot that can touch the floor, or of a hand that can touch its rail."""
     sphere = mujoco.mjtGeom.mjGEOM_SPHERE
     geoms = [geom for geom in spec.site(contact).parent.geoms if geom.type == sphere]
-    return [geom for geom in geoms if (geom.contype if contact in FEET else geom.contype & ON_RAIL) | geom.conaffinity]
+    return [geom for geom in geoms if (geom.contype | geom.conaffinity if contact in FEET else geom.contype & ON_RAIL)]
 
 
 def _inset(spec: mujoco.MjSpec, contact: str, axes: Array, inset: float) -> None:

@@ -16,7 +16,10 @@ MOST_COMPLAINTS = 10
 SAME_POSITION = 1e-9
 """Joint positions nearer than this are repeated [rad or m]."""
 SAME_PART = 1e-6
-"""So are those nearer than this part of the path's length: rounding, whose direction a spline would follow."""
+"""So are those nearer than this part of the path's length, where they turn: rounding, whose direction a spline would
+follow. A log that begins slowly has such waypoints too, but in the direction of the path."""
+STRAIGHT = 0.99
+"""Cosine of the angle to the path around it from which on a short step does not turn (our choice)."""
 
 
 def joint_waypoints(config: Config, joint_names: tuple[str, ...]) -> np.ndarray:
@@ -40,14 +43,23 @@ def joint_waypoints(config: Config, joint_names: tuple[str, ...]) -> np.ndarray:
     if len(rows) < 2:
         raise PathError(f"a path needs at least two waypoints; there is {len(rows) or 'none'}", key=KEY)
     waypoints = np.array(rows)
-    chords = np.linalg.norm(np.diff(waypoints, axis=0), axis=1)
-    repeated = np.flatnonzero(chords < max(SAME_POSITION, SAME_PART * chords.sum()))
+    repeated = np.flatnonzero(_repeats(waypoints))
     if len(repeated):
         listed = repeated[:MOST_COMPLAINTS].tolist()
         raise PathError(
             [ConfigProblem(f"{KEY}[{i + 1}]", f"repeats joints[{i}]; leave one of them out") for i in listed]
         )
     return waypoints
+
+
+def _repeats(waypoints: np.ndarray) -> np.ndarray:
+    """Which waypoints (N, n), from the second on, repeat the one before, (N - 1,)."""
+    steps = np.diff(waypoints, axis=0)
+    first = np.arange(len(steps))
+    around = waypoints[np.minimum(first + 2, len(steps))] - waypoints[np.maximum(first - 1, 0)]
+    lengths = np.linalg.norm(steps, axis=1)
+    turns = np.sum(steps * around, axis=1) < STRAIGHT * lengths * np.linalg.norm(around, axis=1)
+    return (lengths < SAME_POSITION) | (turns & (lengths < SAME_PART * lengths.sum()))
 
 
 def _read_csv(config: Config, name: str, joint_names: tuple[str, ...]) -> list[list[float]]:
