@@ -178,6 +178,16 @@ def test_a_learned_run_is_reported_and_its_plan_executed(run, tmp_path):
     assert executed["success_rate"] == 1.0
 
 
+def test_a_plan_that_a_learner_made_on_a_finer_grid_is_executed(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(beliefs, "FINER_GRIDS", (2,))
+    assert run(*LEARN, "--out", "a", "-q")[0] == 0
+    assert read_summary(tmp_path / "a")["size"]["collocation_points"] == 40
+    code, out, err = run("execute", "a", "--trials", 2, "--out", "b", "--no-figures", "--json")
+    assert (code, err) == (0, "")
+    assert json.loads(out)["duration"] == read_summary(tmp_path / "a")["duration"]
+    assert run("execute", "b", "--trials", 2, "--out", "c", "--no-figures", "-q")[0] == 0
+
+
 def test_runs_are_listed_with_their_state(run, tmp_path, interrupted):
     assert run("runs") == (0, "no runs in results\n", "")
     assert run(*LEARN, "-q")[0] == 0

@@ -96,12 +96,18 @@ def execute_stored(
         raise RunFolderError(f"{folder}: the run has no plan ({stored.get('status')}); expected one that was solved")
     _require_unchanged(folder)
     _require_free(overrides)
-    config = load_config(folder / CONFIG, overrides)
+    config = load_config(folder / CONFIG, [*overrides, *_grid(stored)])
     plan = read_plan(config, folder / PLAN)
     start = time.perf_counter()
     executions = execute(config, plan, speed=speed, workers=workers, progress=progress)
     seconds = time.perf_counter() - start
     return ExecutionResult(config, plan, executions, seconds, stored=stored, source=folder)
+
+
+def _grid(stored: Mapping[str, Any]) -> list[str]:
+    """The number of collocation points as an override: a learner's plan may be on a finer grid than configured."""
+    points = (stored.get("size") or {}).get("collocation_points")
+    return [f"solver.collocation_points={points}"] if isinstance(points, int) else []
 
 
 # Stored plans ---------------------------------------------------------------------------------------------

@@ -77,6 +77,7 @@ def problem_size(problem: TimeScalingProblem) -> dict[str, int]:
     rows = 2 * problem.robot.n + problem.limits.torque.B.shape[1] + facets
     kept = np.count_nonzero((problem.a != 0) | (problem.b != 0))
     return {
+        "collocation_points": problem.config.solver.collocation_points,
         "grid_points": len(problem.s),
         "pieces": int(problem.piece[-1]) + 1,
         "rows": rows * len(problem.s),
