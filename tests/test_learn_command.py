@@ -180,8 +180,9 @@ def test_a_learned_run_is_reported_and_its_plan_executed(run, tmp_path):
 
 def test_a_plan_that_a_learner_made_on_a_finer_grid_is_executed(run, tmp_path, monkeypatch):
     monkeypatch.setattr(beliefs, "FINER_GRIDS", (2,))
-    assert run(*LEARN, "--out", "a", "-q")[0] == 0
-    assert read_summary(tmp_path / "a")["size"]["collocation_points"] == 40
+    own = "solver.collocation_points=15"  # a configuration of no other test, whose plans are remembered
+    assert run(*LEARN, own, "--out", "a", "-q")[0] == 0
+    assert read_summary(tmp_path / "a")["size"]["collocation_points"] == 30
     code, out, err = run("execute", "a", "--trials", 2, "--out", "b", "--no-figures", "--json")
     assert (code, err) == (0, "")
     assert json.loads(out)["duration"] == read_summary(tmp_path / "a")["duration"]
