@@ -135,7 +135,7 @@ def _stage_goals(records: Sequence[Record]) -> Iterator[Goal]:
             yield {
                 "what": f"{solver}: its time over that of the passes (of all), least at N = 200, 1000, 2000",
                 "goal": f"at least {factor}",
-                "measured": f"{passes:.1f} ({everything:.2g})",
+                "measured": f"{passes:.1f} ({everything:.1f})",
                 "reached": passes >= factor,
             }
     theirs = select(records, "solver stage", N=GOAL_POINTS, solver=(TOPPRA, COPP))
