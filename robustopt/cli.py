@@ -288,28 +288,29 @@ def run(arguments: Sequence[str]) -> int:
         code = app(list(arguments), prog_name="robustopt", standalone_mode=False) or 0
         _flush_output()
         return fail("Interrupted", _INTERRUPTED, code, json) if _nothing_kept(code) else int(code)
-    except RobustOptError as error:
-        if interruptions:
-            return fail("Interrupted", _INTERRUPTED, INTERRUPTED, json)
-        problems = [vars(problem) for problem in error.problems] if isinstance(error, ConfigError) else []
-        return fail(type(error).__name__, str(error), error.exit_code, json, problems)
     except (KeyboardInterrupt, typer.Abort):
         return fail("Interrupted", _INTERRUPTED, INTERRUPTED, json)
-    except OSError as error:
-        if interruptions:
-            return fail("Interrupted", _INTERRUPTED, INTERRUPTED, json)
-        if isinstance(error, BrokenPipeError):  # who reads has read enough
-            return 1
-        what = error.filename or "what the command prints cannot be written"
-        in_words = f"{what}: {error.strerror or error}"
-        return fail("OSError", in_words, 2, json=False)  # not to standard output, which may be what failed
     except Exception as error:
         if interruptions:  # an extension module whose import or call is interrupted raises something else
             return fail("Interrupted", _INTERRUPTED, INTERRUPTED, json)
-        message = getattr(error, "format_message", None)
-        if message is None:
-            raise
-        return fail("UsageError", f"{message().rstrip('.')}; see robustopt --help", 2, json)
+        return _told(error, json)
+
+
+def _told(error: Exception, json: bool) -> int:
+    """Exit code of what a person, or the system, did wrong, once it is told; raises what is neither."""
+    if isinstance(error, RobustOptError):
+        problems = [vars(problem) for problem in error.problems] if isinstance(error, ConfigError) else []
+        return fail(type(error).__name__, str(error), error.exit_code, json, problems)
+    if isinstance(error, BrokenPipeError):  # who reads has read enough
+        return 1
+    if isinstance(error, OSError):
+        what = error.filename or "what the command prints cannot be written"
+        in_words = f"{what}: {error.strerror or error}"
+        return fail("OSError", in_words, 2, json=False)  # not to standard output, which may be what failed
+    message = getattr(error, "format_message", None)
+    if message is None:
+        raise error
+    return fail("UsageError", f"{message().rstrip('.')}; see robustopt --help", 2, json)
 
 
 def _flush_output() -> None:

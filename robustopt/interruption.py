@@ -51,7 +51,7 @@ def _on_thread_error(error: threading.ExceptHookArgs) -> None:
 
 
 def stop_if_interrupted() -> None:
-    """Stop where a library has swallowed the KeyboardInterrupt of Ctrl-C, as CasADi does."""
+    """Stop where a library has swallowed the KeyboardInterrupt of Ctrl-C."""
     if interruptions:
         raise KeyboardInterrupt
 

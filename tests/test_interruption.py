@@ -15,9 +15,9 @@ from robustopt import interruption, processes
 from robustopt.config import load_config
 from robustopt.errors import SimulationFailed
 from robustopt.interruption import held
-from robustopt.problem import build_problem
+from robustopt.problem import TimeScalingProblem, build_problem
 from robustopt.processes import end_processes, in_processes
-from robustopt.timescaling import solve
+from robustopt.timescaling import Plan, solve
 
 CONFIGS = Path(__file__).parent.parent / "configs"
 
@@ -162,19 +162,24 @@ def test_where_signals_cannot_be_blocked_no_tracker_of_posix_is_begun(monkeypatc
     assert list(in_processes(abs, [(-1,), (2,)], 2, SimulationFailed)) == [1, 2]
 
 
-def test_ipopt_stops_soon_and_says_nothing_of_its_own(capfd):
-    changes = ["solver.method=ipopt", "solver.collocation_points=2000"]
-    problem = build_problem(load_config(CONFIGS / "waiter_two_blocks.yaml", changes))
+def by_ipopt(name: str, points: int) -> tuple[TimeScalingProblem, Plan, float]:
+    """A problem, its plan, and how long Ipopt takes once all is compiled [s]."""
+    changes = ["solver.method=ipopt", f"solver.collocation_points={points}"]
+    problem = build_problem(load_config(CONFIGS / f"{name}.yaml", changes))
     solve(problem)  # compiles
     began = time.perf_counter()
     plan = solve(problem)
-    whole = time.perf_counter() - began
+    return problem, plan, time.perf_counter() - began
+
+
+def test_ipopt_stops_soon_and_says_nothing_of_its_own(capfd):
+    problem, plan, seconds = by_ipopt("waiter_two_blocks", 2000)
 
     def solve_again():
         for _ in range(20):  # on a busy machine one solve may be over before the interruption comes
             solve(problem)
 
-    timer = _later(0.3 * whole)
+    timer = _later(0.3 * seconds)
     with pytest.raises(KeyboardInterrupt):
         solve_again()
     timer.join()
@@ -184,14 +189,10 @@ def test_ipopt_stops_soon_and_says_nothing_of_its_own(capfd):
 
 @pytest.mark.parametrize("handler", [signal.SIG_IGN, lambda *_: None], ids=["ignored", "handled"])
 def test_ipopt_goes_on_where_the_program_does_not_stop(handler):
-    changes = ["solver.method=ipopt", "solver.collocation_points=1000"]
-    problem = build_problem(load_config(CONFIGS / "waiter_one_block.yaml", changes))
-    solve(problem)  # compiles
-    began = time.perf_counter()
-    plan = solve(problem)
+    problem, plan, seconds = by_ipopt("waiter_one_block", 1000)
     previous = signal.signal(signal.SIGINT, handler)
     try:
-        timer = _later(0.3 * (time.perf_counter() - began))
+        timer = _later(0.3 * seconds)
         again = solve(problem)
         timer.join()
     finally:
