@@ -12,20 +12,22 @@ import argparse
 import csv
 import warnings
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import as_completed
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 
 import numpy as np
-from joblib import Parallel, delayed
 from learner_contenders import OURS, contenders
 from learner_figure import Panel, write_figure
+from loky import ProcessPoolExecutor
 from monotone_problems import HELD_OUT, Array, Problem, problem
 
 from robustopt.confidence import paper_executions, phi
 from robustopt.learning.branch_and_bound import BranchAndBound, BranchState
 from robustopt.learning.learner import Executed, Planned
 from robustopt.learning.parameters import Parameter
+from robustopt.processes import cores
 from robustopt.tables import Column, Table, Value, markdown_text
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -247,7 +249,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=50)
     parser.add_argument("--methods", nargs="*", default=list(contenders()))
     parser.add_argument("--dimensions", nargs="*", type=int, default=list(DIMENSIONS))
-    parser.add_argument("--workers", type=int, default=-1)
+    parser.add_argument("--workers", type=int, default=cores())
     parser.add_argument("--resume", action="store_true", help="keep the runs that learners.csv holds")
     parser.add_argument("--out", type=Path, default=ROOT / "results" / "benchmarks")
     arguments = parser.parse_args()
@@ -264,15 +266,13 @@ def main() -> None:
     def place(run: dict[str, Value]) -> tuple[int, int, int, int]:
         return order.index(run["world"]), run["k"], names.index(run["method"]), run["seed"]
 
-    results = Parallel(n_jobs=arguments.workers, return_as="generator_unordered")(
-        delayed(one_run)(*task) for task in tasks
-    )
-    for number, run in enumerate(results, 1):
-        runs.append(run)
-        if number % 50 == 0 or number == len(tasks):
-            runs.sort(key=place)
-            write_runs(runs, path)
-            print(f"{number} of {len(tasks)} runs", flush=True)
+    with ProcessPoolExecutor(arguments.workers) as pool:
+        for number, done in enumerate(as_completed([pool.submit(one_run, *task) for task in tasks]), 1):
+            runs.append(done.result())
+            if number % 50 == 0 or number == len(tasks):
+                runs.sort(key=place)
+                write_runs(runs, path)
+                print(f"{number} of {len(tasks)} runs", flush=True)
     for file in (path, *write_report(runs, arguments.out)):
         print(file)
 

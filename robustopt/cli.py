@@ -341,9 +341,9 @@ def _leave(code: int) -> NoReturn:
     for number in STOPS:
         if signal.getsignal(number) is on_interrupt:
             signal.signal(number, signal.SIG_DFL)
-    with suppress(Exception):
-        end_processes()
-        atexit._run_exitfuncs()
+    for end in (end_processes, atexit._run_exitfuncs):
+        with suppress(Exception):
+            end()
     for stream in (sys.stdout, sys.stderr):
         if stream is not None:  # as it is where it was closed before
             with suppress(OSError):

@@ -1,38 +1,59 @@
-"""Worker processes of this machine, by joblib: results in their order; what a worker had that died is done again."""
+"""Worker processes of this machine, by loky: results in their order; what a worker had that died is done again."""
 
 from __future__ import annotations
 
-import gc
 import os
 import signal
-import sys
 import threading
 import time
-import warnings
-from collections.abc import Callable, Generator, Sequence
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Sequence
+from concurrent.futures import Future, wait
 from contextlib import contextmanager
-from functools import cache
+from functools import partial
 from multiprocessing import resource_tracker
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from robustopt.errors import RobustOptError
 from robustopt.interruption import STOPS, held
 
+if TYPE_CHECKING:
+    from loky import ProcessPoolExecutor
+
 T = TypeVar("T")
+Task = TypeVar("Task")
 
 RETRIES = 3
 """How often the tasks of workers that died are given to new ones."""
 
+AHEAD = 2
+"""Tasks given away at once, per process: one is at work, the next is there when it ends."""
+
+IDLE = 300.0
+"""Workers without a task for so long leave [s]."""
+
 ORPHANED = 0.5
 """How often a worker looks whether the process that began it still lives [s]."""
 
+HEARD = 0.1
+"""How often a wait for a result looks whether an interruption came [s]."""
 
-_begun = False
+ALGEBRA = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+"""Threads of libraries of linear algebra: one in each worker, unless the environment says otherwise."""
+
+FEEDER = "QueueFeederThread"
+"""Name of loky's thread that writes tasks into the pipe to the workers."""
+
+_pool: ProcessPoolExecutor | None = None
+_size = 0
+"""How many workers the pool has."""
+_last_task = 0.0
+"""When the workers were given their last task [s]."""
 
 
 def begun() -> bool:
     """Whether this process has worker processes already, which then need no time to start."""
-    return _begun
+    return _pool is not None and time.monotonic() - _last_task < IDLE
 
 
 def cores() -> int:
@@ -47,48 +68,68 @@ def in_processes(
 
     Raises `failed` where workers died again and again.
     """
-    from joblib import Parallel, delayed
-    from joblib.externals.loky.process_executor import TerminatedWorkerError
+    from loky import BrokenProcessPool
 
-    global _begun
-    _begun = True
     done = 0
     for attempt in range(RETRIES + 1):
-        parallel: Any = Parallel(n_jobs=processes, return_as="generator", pre_dispatch=processes)
-        results: Generator[T, None, None] = (_ for _ in ())
         try:
-            with held(), _deaf_children():
-                results = parallel(delayed(_work)(os.getpid(), call, task) for task in tasks[done:])
-            while done < len(tasks):
-                result = next(results)
+            for result in in_order(lambda task: _give(call, task, processes), tasks[done:], AHEAD * processes):
                 done += 1
                 yield result
-            with held():
-                next(results, None)  # joblib frees what it kept for these tasks
             return
-        except TerminatedWorkerError as error:
+        except BrokenProcessPool as error:
+            end_processes()
             if attempt == RETRIES:
                 raise failed(
                     f"Worker processes died {attempt + 1} times, for instance because the memory ran out; "
                     f"{done} of {len(tasks)} parts of the work were done. Fewer workers need less memory."
                 ) from error
-        except (GeneratorExit, KeyboardInterrupt):
-            with held(), warnings.catch_warnings(action="ignore"):  # joblib would tell the user to ask for less
-                results.close()
+        except BaseException:
             end_processes()
             raise
 
 
-def _work(parent: int, call: Callable[..., T], task: tuple[Any, ...]) -> T:
-    """What a worker does with a task; parent: process that began the worker."""
-    if os.getppid() == parent:
-        _end_with(parent)
-    return call(*task)
+def in_order(give: Callable[[Task], Callable[[], T]], tasks: Iterable[Task], ahead: int) -> Generator[T, None, None]:
+    """Results of tasks in their order; give: begins a task, what it returns waits for the result; ahead: how many are
+    given away at once."""
+    given: deque[Callable[[], T]] = deque()
+    for task in tasks:
+        given.append(give(task))
+        if len(given) == ahead:
+            yield given.popleft()()
+    while given:
+        yield given.popleft()()
 
 
-@cache
+def _result(future: Future[T]) -> T:
+    """An interruption waits until the library is not in the midst of something."""
+    while True:
+        with held():
+            wait([future], HEARD)
+            if future.done():
+                return future.result()
+
+
+def _give(call: Callable[..., T], task: tuple[Any, ...], processes: int) -> Callable[[], T]:
+    """Give a task to the workers, which are begun where there are not as many as asked for."""
+    from loky import ProcessPoolExecutor
+
+    global _pool, _size, _last_task
+    with held(), _deaf_children():
+        if _pool is not None and _size != processes:
+            end_processes()
+        if _pool is None:
+            _size = processes
+            env = {name: os.environ.get(name, "1") for name in ALGEBRA}
+            _pool = ProcessPoolExecutor(
+                processes, timeout=IDLE, env=env, initializer=_end_with, initargs=(os.getpid(),)
+            )
+        _last_task = time.monotonic()
+        return partial(_result, _pool.submit(call, *task))
+
+
 def _end_with(parent: int) -> None:
-    """End this worker soon after the process that began it is killed; joblib's would wait five minutes for tasks."""
+    """End this worker soon after the process that began it is killed, which cannot end it then."""
 
     def watch() -> None:
         while os.getppid() == parent:
@@ -113,13 +154,13 @@ def _deaf_children() -> Generator[None, None, None]:
 
 
 def end_processes() -> None:
-    """End the workers of this process, if it has any, and free their locks, which would else be reported as leaks."""
-    if "joblib" not in sys.modules:
-        return
-    from joblib.externals.loky import get_reusable_executor
-
-    global _begun
-    _begun = False
+    """End the workers of this process, if it has any, whatever they are doing."""
+    global _pool
     with held():
-        get_reusable_executor(reuse=True).shutdown(wait=True, kill_workers=True)
-        gc.collect()
+        if _pool is None:
+            return
+        _pool.shutdown(kill_workers=True)
+        _pool = None
+        for thread in threading.enumerate():
+            if thread.name == FEEDER:  # loky tells it to end, but does not wait until it has freed its locks
+                thread.join(1.0)

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -154,12 +155,44 @@ def test_workers_do_not_hear_the_interruption_of_a_terminal():
             os.kill(pid, 0)
 
 
+class Threads(ThreadPoolExecutor):
+    """Stands for loky's processes."""
+
+    def __init__(self, workers, **_):
+        super().__init__(workers)
+
+    def shutdown(self, kill_workers):
+        super().shutdown()
+
+
 def test_where_signals_cannot_be_blocked_no_tracker_of_posix_is_begun(monkeypatch):
     """As on Windows, which has none."""
+    end_processes()
     monkeypatch.delattr(signal, "pthread_sigmask")
     monkeypatch.setattr(processes.resource_tracker, "ensure_running", lambda: pytest.fail("begun"))
-    monkeypatch.setattr("joblib.Parallel", lambda **_: lambda tasks: (call(*given) for call, given, _ in tasks))
+    monkeypatch.setattr("loky.ProcessPoolExecutor", Threads)
     assert list(in_processes(abs, [(-1,), (2,)], 2, SimulationFailed)) == [1, 2]
+    end_processes()
+
+
+@pytest.mark.parametrize("moment", range(6))
+def test_an_interruption_while_tasks_are_given_leaves_no_worker_and_no_thread(moment, listening, monkeypatch):
+    given = iter(range(100))
+    give = processes._give
+
+    def interrupted(*arguments):
+        with held():
+            result = give(*arguments)
+            if next(given) == moment:
+                signal.raise_signal(signal.SIGINT)
+        return result
+
+    threads = set(threading.enumerate())
+    monkeypatch.setattr(processes, "_give", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        list(in_processes(abs, [(-k,) for k in range(10)], 2, SimulationFailed))
+    assert not processes.begun()
+    assert set(threading.enumerate()) <= threads
 
 
 def by_ipopt(name: str, points: int) -> tuple[TimeScalingProblem, Plan, float]:

@@ -21,7 +21,7 @@ from robustopt.execution.outcome import TrialOutcome, diverged, judge
 from robustopt.execution.scenes import Scene, scene_of
 from robustopt.execution.simulation import Record, Workspace, joint_positions, simulate
 from robustopt.execution.truth import World, true_world, varies
-from robustopt.processes import cores, in_processes
+from robustopt.processes import AHEAD, cores, in_order, in_processes
 
 Array = np.ndarray
 
@@ -203,8 +203,6 @@ def _here(job: Job, chunks: Sequence[Sequence[int]], threads: int) -> Generator[
 
 def _on_cluster(job: Job, chunks: Sequence[Sequence[int]], scheduler: str) -> Generator[list[TrialOutcome], None, None]:
     """Chunks in their order, run by a Dask cluster, one thread each; Dask gives those of a lost worker to another."""
-    from joblib import Parallel, delayed, parallel_config
-
     try:
         from distributed import Client
     except ImportError:
@@ -214,6 +212,9 @@ def _on_cluster(job: Job, chunks: Sequence[Sequence[int]], scheduler: str) -> Ge
     except (OSError, ValueError) as error:
         raise SimulationFailed(f"The Dask scheduler {scheduler} cannot be reached: {error}") from None
     with client:
-        with parallel_config(backend="dask", wait_for_workers_timeout=CONNECT):
-            parallel: Any = Parallel(return_as="generator")
-        yield from parallel(delayed(run_trials)(job, chunk, 1) for chunk in chunks)
+        try:
+            client.wait_for_workers(1, timeout=CONNECT)
+        except TimeoutError:
+            raise SimulationFailed(f"The Dask scheduler {scheduler} has no workers; expected at least one") from None
+        ahead = AHEAD * sum(client.nthreads().values())
+        yield from in_order(lambda chunk: client.submit(run_trials, job, chunk, 1, pure=False).result, chunks, ahead)
