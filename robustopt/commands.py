@@ -191,12 +191,15 @@ def _continue(config: Config, folder: Path, options: LearningOptions) -> int:
 def _run_learner(config: Config, folder: Path, options: LearningOptions) -> dict[str, Any]:
     """Learn, and write what was learned; the summary."""
     from robustopt.runs.journal import MANUAL, Journal
+    from robustopt.runs.learning_run import require_same_versions
 
     silent = options.json or options.quiet
     with closing(Journal.open(folder)) as journal:
         if options.executor not in (None, journal.executor):
             raise RunFolderError(f"{folder}: was begun with --executor {journal.executor}; expected the same")
         manual = journal.executor == MANUAL
+        if not manual:
+            require_same_versions(folder)
         with learning_table(silent or manual) as show_learned:
             from robustopt.runs.campaign import learn as run_learner
             from robustopt.runs.manual import Manual

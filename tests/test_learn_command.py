@@ -5,6 +5,7 @@ import io
 import json
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -351,6 +352,35 @@ def test_files_that_were_changed_are_refused(run, tmp_path, interrupted):
     assert "a: provenance.json or config.yaml cannot be read" in run("learn", "--resume", "--out", "a")[2]
     config.write_text(text)
     assert run("learn", "--resume", "--out", "a", "--no-figures", "-q")[0] == 0
+
+
+def test_waypoints_that_were_changed_are_refused_even_where_no_plan_shows_it(run, tmp_path, interrupted):
+    (tmp_path / "way.csv").write_text("0.0\n1.0\n")
+    task_file = tmp_path / "task.yaml"
+    task_file.write_text(re.sub(r"joints:\n( +- .*\n)+", f"joints: {tmp_path / 'way.csv'}\n", task_file.read_text()))
+    interrupted("a")
+    resume, refused = (
+        ("learn", "--resume", "--out", "a", "--no-figures"),
+        f"a: the waypoints {tmp_path / 'way.csv'} have",
+    )
+    (tmp_path / "way.csv").write_text("0.0\n1.0000001\n")
+    assert run(*resume) == (2, "", f"error: {refused} changed since the run began\n")
+    (tmp_path / "way.csv").unlink()
+    assert refused in run(*resume)[2]
+    (tmp_path / "way.csv").write_text("0.0\n1.0\n")
+    assert run(*resume)[0] == 0
+
+
+def test_executions_of_other_versions_are_refused_unless_a_person_makes_them(run, tmp_path, interrupted, monkeypatch):
+    interrupted("a")
+    before = learned_so_far(tmp_path / "a")
+    monkeypatch.setattr(learning_run, "versions", lambda: {"robustopt": "0.1.0", "mujoco": "99.0"})
+    code, out, err = run("learn", "--resume", "--out", "a")
+    assert (code, out) == (2, "")
+    assert err.startswith("error: a: was begun with other versions: mujoco was ")
+    assert err.endswith(" and is 99.0. Expected the same ones, or a new run\n")
+    assert learned_so_far(tmp_path / "a") == before
+    assert "begun with other versions" not in run("learn", "task.yaml", "--executor", "manual", "--out", "b")[2]
 
 
 def test_a_damaged_journal_is_refused(run, tmp_path, interrupted):

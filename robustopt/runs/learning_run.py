@@ -36,6 +36,8 @@ from robustopt.runs.store import (
     flush_folder,
     is_unfinished,
     new_run,
+    versions,
+    waypoints_hash,
     write_json,
     write_origin,
 )
@@ -86,23 +88,57 @@ def resumed(folder: Path, config: Config | None) -> Config:
     """
     if not (folder / JOURNAL).is_file():
         raise RunFolderError(f"{folder}: nothing to resume; expected the folder of a run of `robustopt learn`")
+    origin = _origin(folder)
     try:
-        origin = json.loads((folder / PROVENANCE).read_text(encoding="utf-8"))
         text, robot = origin["config_sha256"], origin["robot_model"]["sha256"]
         edited = hashlib.sha256((folder / CONFIG).read_bytes()).hexdigest() != text
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise RunFolderError(f"{folder}: {PROVENANCE} or {CONFIG} cannot be read: {error}") from None
+    except (OSError, KeyError, TypeError) as error:
+        raise _unreadable(folder, error) from None
     if edited:
         raise RunFolderError(f"{folder / CONFIG}: was edited after the run began; expected the file as it was written")
     stored = load_config(folder / CONFIG)
     if hashlib.sha256(model_file(stored).read_bytes()).hexdigest() != robot:
         raise RunFolderError(f"{folder}: the model file of {stored.robot.model} has changed since the run began")
+    waypoints = origin.get("waypoints_sha256")
+    if waypoints is not None and waypoints_hash(stored) != waypoints:
+        raise RunFolderError(f"{folder}: the waypoints {stored.path.joints} have changed since the run began")
     if config is not None and dump(config) != dump(stored):
         changes = "; ".join(differences(resolved(stored), resolved(config)))
         raise RunFolderError(
             f"{folder}: was begun with another configuration: {changes}. Expected the same one, or a new run"
         )
     return stored
+
+
+def require_same_versions(folder: Path) -> None:
+    """Executions of other versions may be other ones; a run has those of one kind.
+
+    Raises RunFolderError where the run was begun with other versions.
+    """
+    before, now = _origin(folder).get("versions"), versions()
+    if not isinstance(before, dict):
+        raise RunFolderError(f"{folder / PROVENANCE}: has no versions; expected the file as it was written")
+    changed = [
+        f"{name} was {before[name]} and is {now[name]}" for name in now if before.get(name, now[name]) != now[name]
+    ]
+    if changed:
+        raise RunFolderError(
+            f"{folder}: was begun with other versions: {'; '.join(changed)}. Expected the same ones, or a new run"
+        )
+
+
+def _origin(folder: Path) -> dict[str, Any]:
+    try:
+        origin = json.loads((folder / PROVENANCE).read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise _unreadable(folder, error) from None
+    if not isinstance(origin, dict):
+        raise _unreadable(folder, "expected a JSON object")
+    return origin
+
+
+def _unreadable(folder: Path, why: object) -> RunFolderError:
+    return RunFolderError(f"{folder}: {PROVENANCE} or {CONFIG} cannot be read: {why}")
 
 
 def latest_unfinished(config: Config, root: Path = Path("results")) -> Path | None:

@@ -145,7 +145,8 @@ def provenance(config: Config, text: str, model_file: Path, arguments: Sequence[
         "seed": config.seed,
         "config_sha256": hashlib.sha256(text.encode()).hexdigest(),
         "robot_model": {"name": config.robot.model, "sha256": hashlib.sha256(model_file.read_bytes()).hexdigest()},
-        "versions": {"python": platform.python_version(), "robustopt": __version__, **_versions()},
+        "waypoints_sha256": waypoints_hash(config),
+        "versions": {"python": platform.python_version(), **versions()},
         "git": _git(Path(__file__).resolve().parents[2]),
         "machine": {
             "system": platform.system(),
@@ -161,8 +162,15 @@ def _as_text(argument: str) -> str:
     return argument.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
 
 
-def _versions() -> dict[str, str | None]:
-    return {name: _version(name) for name in PACKAGES}
+def waypoints_hash(config: Config) -> str | None:
+    """SHA-256 of the file of joint waypoints, None where the configuration has none or names one that is missing."""
+    file = config.folder / config.path.joints if isinstance(config.path.joints, str) else None
+    return hashlib.sha256(file.read_bytes()).hexdigest() if file is not None and file.is_file() else None
+
+
+def versions() -> dict[str, str | None]:
+    """Versions of this package and of those that can change its numbers."""
+    return {"robustopt": __version__, **{name: _version(name) for name in PACKAGES}}
 
 
 def _version(package: str) -> str | None:
