@@ -1,8 +1,10 @@
 """The journal: what is read is what was written, by one process at a time, and damage is said."""
 
+import shutil
 import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -118,6 +120,7 @@ def test_a_batch_is_written_as_a_whole_or_not_at_all(tmp_path):
 
 HOLD = """
 import sys
+from contextlib import closing
 from pathlib import Path
 from robustopt.runs.journal import Journal
 from robustopt.learning.learner import Belief
@@ -265,6 +268,23 @@ for k in range(2000):
 print(os.path.exists(sys.argv[1] + "-journal"), flush=True)
 os.kill(os.getpid(), 9)
 """
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows does not move what is open")
+@pytest.mark.parametrize("moved", [True, False])
+def test_a_folder_that_is_moved_or_removed_is_said_and_what_was_written_is_kept(tmp_path, moved):
+    (tmp_path / "a").mkdir()
+    Journal.create(tmp_path / "a")
+    with closing(Journal.open(tmp_path / "a")) as journal:
+        journal.add_plan(Belief(), 1.0)
+        (tmp_path / "a").rename(tmp_path / "b")
+        if not moved:
+            shutil.rmtree(tmp_path / "b")
+        with pytest.raises(RunFolderError, match="was moved or removed while its run was at work"):
+            journal.add_plan(Belief(), 2.0)
+    if moved:
+        with closing(Journal.open(tmp_path / "b")) as journal:
+            assert [entry.duration for entry in journal.entries()] == [1.0, 2.0]
 
 
 def test_a_transaction_that_a_kill_left_half_written_is_undone(tmp_path):

@@ -90,9 +90,9 @@ class Entry:
 class Journal:
     """Plans and executions in a SQLite file that this process alone holds; without a file, in memory."""
 
-    def __init__(self, connection: sqlite3.Connection, place: str) -> None:
+    def __init__(self, connection: sqlite3.Connection, path: Path | None = None) -> None:
         self._connection = connection
-        self._place = place
+        self._path = path
 
     @staticmethod
     def in_memory() -> Journal:
@@ -100,7 +100,7 @@ class Journal:
         connection = sqlite3.connect(":memory:", isolation_level=None)
         connection.executescript(_TABLES)
         connection.execute("INSERT INTO origin VALUES (?)", (SIMULATION,))
-        return Journal(connection, "memory")
+        return Journal(connection)
 
     @staticmethod
     def create(folder: Path, executor: str = SIMULATION) -> None:
@@ -133,7 +133,7 @@ class Journal:
                     f"{folder}: another process is at work on this run; expected to be the only one"
                 ) from None
             raise RunFolderError(f"{path}: not a journal of robustopt, or damaged: {error}") from None
-        return Journal(connection, str(path))
+        return Journal(connection, path)
 
     def close(self) -> None:
         """Let go of the file."""
@@ -163,6 +163,15 @@ class Journal:
                     self._connection.execute(command, values)
         except sqlite3.DatabaseError as error:
             raise RunFolderError(f"{self._place}: cannot be written: {error}") from error
+        if self._path is not None and not self._path.exists():  # SQLite goes on writing to the file that it holds
+            raise RunFolderError(
+                f"{self._path}: was moved or removed while its run was at work; "
+                "robustopt learn --resume --out FOLDER continues the run in the folder where it is now"
+            )
+
+    @property
+    def _place(self) -> str:
+        return "memory" if self._path is None else str(self._path)
 
     def _transaction(self) -> sqlite3.Connection:
         self._connection.execute("BEGIN")
