@@ -371,6 +371,20 @@ def test_waypoints_that_were_changed_are_refused_even_where_no_plan_shows_it(run
     assert run(*resume)[0] == 0
 
 
+@pytest.mark.parametrize("name", ["config.yaml", "provenance.json"])
+def test_a_run_is_not_complete_without_what_it_was_begun_with(run, tmp_path, monkeypatch, name):
+    def removing(*values):
+        (tmp_path / "a" / name).unlink(missing_ok=True)
+        return simulate(*values)
+
+    simulate = executors.Simulated.run
+    monkeypatch.setattr(executors.Simulated, "run", removing)
+    code, out, err = run(*LEARN, "--out", "a")
+    assert (code, out) == (2, "")
+    assert err.startswith(f"error: a: the run could not be completed: {name} removed while the run was at work")
+    assert not (tmp_path / "a" / "summary.json").exists()
+
+
 def test_executions_of_other_versions_are_refused_unless_a_person_makes_them(run, tmp_path, interrupted, monkeypatch):
     interrupted("a")
     before = learned_so_far(tmp_path / "a")

@@ -225,7 +225,14 @@ def write_learning_files(result: LearningResult, folder: Path) -> dict[str, Any]
 
 
 def complete(folder: Path, data: Mapping[str, Any]) -> None:
-    """Write the summary in one step, once all else is on the disk: from here on the run is complete."""
+    """Write the summary in one step, once all else is on the disk: from here on the run is complete.
+
+    Raises RunFolderError where what the run was begun with is gone.
+    """
+    missing = [name for name in (CONFIG, PROVENANCE) if not (folder / name).is_file()]
+    if missing:
+        found = f"{' and '.join(missing)} removed while the run was at work"
+        raise RunFolderError(f"{folder}: the run could not be completed: {found}; expected the files as written")
     temporary = folder / f".{SUMMARY}.partial"
     write_json(temporary, data)
     flush(folder)
