@@ -199,9 +199,12 @@ def learn(
     options = LearningOptions(resume, executor, workers, figures, json, quiet)
     if resume and out is not None and path is None and not changes:
         return learn_task(None, out, options)
+    from robustopt.runs.store import CONFIG
     from robustopt.tasks import PAPER_TASK
 
-    with _task_of(path or PAPER_TASK, changes) as config:
+    stored = out / CONFIG if resume and out is not None else None
+    task = path or (stored if stored is not None and stored.is_file() else PAPER_TASK)
+    with _task_of(task, changes) as config:
         return learn_task(config, out, options)
 
 

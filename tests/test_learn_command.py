@@ -336,6 +336,16 @@ def test_a_changed_configuration_is_refused_with_the_difference(run, interrupted
     assert err.endswith("Expected the same one, or a new run\n")
 
 
+def test_keys_without_a_file_are_those_of_the_run_that_is_resumed(run, interrupted):
+    interrupted("a")
+    code, _, err = run("learn", "--resume", "--out", "a", "--seed", "4")
+    assert code == 2
+    assert err == (
+        "error: a: was begun with another configuration: seed was 0 and is 4. Expected the same one, or a new run\n"
+    )
+    assert run("learn", "--resume", "--out", "a", "--seed", "0", "--no-figures")[0] == 0
+
+
 def test_files_that_were_changed_are_refused(run, tmp_path, interrupted):
     interrupted("a")
     config, origin = tmp_path / "a" / "config.yaml", tmp_path / "a" / "provenance.json"
