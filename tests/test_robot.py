@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from pathlib import Path
 from typing import Any
@@ -14,9 +15,10 @@ from scipy.spatial.transform import Rotation
 
 from robustopt.config import Config
 from robustopt.errors import RobotError
+from robustopt.models import MODELS
 from robustopt.path.collision import CollisionCheck
 from robustopt.robot import Robot, load_robot
-from robustopt.robot.model_file import load_model, resolve_package
+from robustopt.robot.model_file import load_model, model_hash, resolve_package
 
 FIXTURES = Path(__file__).parent / "fixtures"
 TRAY = {"size": [0.3, 0.3, 0.01], "mass": 1.0}
@@ -545,3 +547,22 @@ def test_a_urdf_keeps_collision_meshes_that_are_found(tmp_path: Path) -> None:
     robot = load(URDF | {"limits": URDF_LIMITS}, folder=tmp_path)
     assert robot.notes == ()
     assert robot.spec.compile().nmesh == 1
+
+
+@pytest.mark.parametrize("named", ["sub/part.xml", "meshes/link.stl"])
+def test_the_hash_of_a_model_is_that_of_all_files_that_it_names(tmp_path, named):
+    for folder in ("sub", "meshes"):
+        (tmp_path / folder).mkdir()
+    model = tmp_path / "robot.xml"
+    model.write_text('<mujoco><compiler meshdir="meshes"/><include file="sub/part.xml"/></mujoco>')
+    (tmp_path / "sub" / "part.xml").write_text('<mujocoinclude><mesh file="link.stl"/></mujocoinclude>')
+    (tmp_path / "meshes" / "link.stl").write_bytes(b"solid")
+    before = model_hash(model)
+    assert model_hash(model) == before
+    (tmp_path / named).write_bytes((tmp_path / named).read_bytes() + b" ")
+    assert model_hash(model) != before
+
+
+def test_the_hash_of_a_model_that_names_no_file_is_that_of_its_file():
+    file = MODELS / "tx90l.xml"
+    assert model_hash(file) == hashlib.sha256(file.read_bytes()).hexdigest()

@@ -6,9 +6,12 @@ become fixed, and a site for the tray is attached to the tool. The same specific
 
 from __future__ import annotations
 
+import hashlib
 import os
+import re
 import site
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
@@ -92,6 +95,37 @@ def model_file(config: Config) -> Path:
     raise RobotError(
         f"unknown robot {name!r}; give a shipped robot ({shipped}) or an MJCF or URDF file", key="robot.model"
     )
+
+
+NAMED = re.compile(r"""\b(?:file|filename|meshdir|texturedir|assetdir)\s*=\s*["']([^"']+)["']""")
+"""Files and folders that a model file names."""
+
+
+def model_hash(file: Path) -> str:
+    """SHA-256 of a model file and of all files that it names: those that it includes, meshes, height fields."""
+    digest = hashlib.sha256()
+    for part in _parts(file, [file.parent], []):
+        digest.update(part.read_bytes())
+    return digest.hexdigest()
+
+
+def _parts(file: Path, folders: Sequence[Path], found: list[Path]) -> list[Path]:
+    """A file and those that it names, each once; MuJoCo looks for them from the folder of the model file on."""
+    found.append(file)
+    if file.suffix.lower() not in {".xml", ".mjcf", ".urdf"}:
+        return found
+    names = NAMED.findall(file.read_text(encoding="utf-8", errors="replace"))
+    folders = [*folders, *(folders[0] / name for name in names if (folders[0] / name).is_dir())]
+    for name in names:
+        places = (
+            [resolve_package(name)]
+            if name.startswith("package://")
+            else [place / name.removeprefix("file://") for place in folders]
+        )
+        for place in places:
+            if place is not None and place.is_file() and place not in found:
+                _parts(place, folders, found)
+    return found
 
 
 def load_model(config: Config) -> RobotModel:

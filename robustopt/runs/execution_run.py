@@ -18,7 +18,7 @@ from robustopt.errors import ConfigError, RobotError, RunFolderError, SolverFail
 from robustopt.execution import Executions, Workers, execute
 from robustopt.execution.outcome import ObjectOutcome, Status, TrialOutcome
 from robustopt.problem import build_problem
-from robustopt.robot.model_file import model_file
+from robustopt.robot.model_file import model_file, model_hash
 from robustopt.runs.experiment import PLAN, PlanResult, summary, write_run
 from robustopt.runs.store import CONFIG, PROVENANCE, SUMMARY, plain_data, read_summary, write_json, write_origin
 from robustopt.timescaling import Plan
@@ -171,7 +171,7 @@ def _require_unchanged(folder: Path) -> None:
             "written, or a new run of `robustopt plan` with the edited one"
         )
     config = load_config(folder / CONFIG)
-    if hashlib.sha256(model_file(config).read_bytes()).hexdigest() != robot:
+    if model_hash(model_file(config)) != robot:
         raise RobotError(
             f"the model file of {config.robot.model} is not the one that {folder} was planned with; expected that one, "
             "or a new run of `robustopt plan`",

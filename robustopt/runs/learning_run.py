@@ -19,7 +19,7 @@ from typing import Any
 from robustopt.config import Config, dump, load_config, resolved
 from robustopt.errors import RunFolderError
 from robustopt.execution.outcome import Status
-from robustopt.robot.model_file import model_file
+from robustopt.robot.model_file import model_file, model_hash
 from robustopt.runs.beliefs import Planner
 from robustopt.runs.campaign import Learned, made_again
 from robustopt.runs.execution_run import EXECUTIONS
@@ -97,8 +97,10 @@ def resumed(folder: Path, config: Config | None) -> Config:
     if edited:
         raise RunFolderError(f"{folder / CONFIG}: was edited after the run began; expected the file as it was written")
     stored = load_config(folder / CONFIG)
-    if hashlib.sha256(model_file(stored).read_bytes()).hexdigest() != robot:
-        raise RunFolderError(f"{folder}: the model file of {stored.robot.model} has changed since the run began")
+    if model_hash(model_file(stored)) != robot:
+        raise RunFolderError(
+            f"{folder}: the model file of {stored.robot.model}, or one that it names, has changed since the run began"
+        )
     waypoints = origin.get("waypoints_sha256")
     if waypoints is not None and waypoints_hash(stored) != waypoints:
         raise RunFolderError(f"{folder}: the waypoints {stored.path.joints} have changed since the run began")

@@ -139,12 +139,14 @@ def write_origin(folder: Path, config: Config, model_file: Path, arguments: Sequ
 
 def provenance(config: Config, text: str, model_file: Path, arguments: Sequence[str]) -> dict[str, Any]:
     """What it takes to make a run again: versions, commit, configuration, robot, seed, arguments, machine."""
+    from robustopt.robot.model_file import model_hash
+
     return {
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "arguments": ["robustopt", *map(_as_text, arguments)],
         "seed": config.seed,
         "config_sha256": hashlib.sha256(text.encode()).hexdigest(),
-        "robot_model": {"name": config.robot.model, "sha256": hashlib.sha256(model_file.read_bytes()).hexdigest()},
+        "robot_model": {"name": config.robot.model, "sha256": model_hash(model_file)},
         "waypoints_sha256": waypoints_hash(config),
         "versions": {"python": platform.python_version(), **versions()},
         "git": _git(Path(__file__).resolve().parents[2]),
