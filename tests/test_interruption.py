@@ -161,8 +161,8 @@ class Threads(ThreadPoolExecutor):
     def __init__(self, workers, **_):
         super().__init__(workers)
 
-    def shutdown(self, wait, kill_workers):
-        super().shutdown(wait)
+    def shutdown(self, kill_workers):
+        super().shutdown()
 
 
 def test_where_signals_cannot_be_blocked_no_tracker_of_posix_is_begun(monkeypatch):
