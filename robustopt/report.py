@@ -62,9 +62,7 @@ def headline(data: Mapping[str, Any]) -> str:
         return f"{data['name']}: {data['status']}"
     if data.get("kind") == "learning":
         return f"{data['name']}: {data['status']} a plan of {data['duration']:.4f} s"
-    motion = f"{data['duration']:.4f} s by {data['method']}"
-    stopped = data.get("kind") == "execution" and data["status"] != "solved"
-    return f"{data['name']}: {data['status']}{'; plan of' if stopped else ' in'} {motion}"
+    return f"{data['name']}: {data['status']}; the motion takes {data['duration']:.4f} s, planned by {data['method']}"
 
 
 def sections(data: Mapping[str, Any]) -> list[tuple[str, list[Row]]]:
@@ -122,11 +120,11 @@ def _errors(values: Sequence[float]) -> str:
 def _certificate(certificate: Mapping[str, Any]) -> list[Row]:
     worst, margins = certificate["worst"], certificate["margins"]
     effort = f"{certificate['level']}: {certificate['draws']:,} draws, {certificate['tests']:,} tests"
-    name, margin = min(margins.items(), key=lambda item: _or_infinite(item[1]["on_grid"]))
+    name, margin = min(margins.items(), key=lambda item: _lowest(item[1]["on_grid"]))
     lines = [
         Row("result", f"{'passed' if certificate['passed'] else 'failed'} ({effort})"),
-        Row("margin at grid points", f"{_percent(margin['on_grid'])} of the limit: {name}"),
-        Row("worst margin", f"{_percent(worst['margin'])} of the limit: {worst['limit']}"),
+        Row("margin at grid points", f"{_left(margin['on_grid'])}: {name}"),
+        Row("worst margin", f"{_left(worst['margin'])}: {worst['limit']}"),
         Row("  where", f"{worst['place']}, {'at a' if worst['on_grid'] else 'next to a'} grid point"),
         Row("  when", f"t = {worst['t']:.3f} s, s = {worst['s']:.4f}"),
     ]
@@ -140,12 +138,13 @@ def _diagnosis(diagnosis: Mapping[str, Any]) -> list[Row]:
     return [Row("where", f"{diagnosis['place']}, s = {diagnosis['s']:.4g}"), *conflicts, *remedies]
 
 
-def _or_infinite(value: float | None) -> float:
-    return float("inf") if value is None else value
+def _lowest(margin: float | None) -> float:
+    """A margin on the grid from a summary, which has none where nothing holds the limit."""
+    return float("-inf") if margin is None else margin
 
 
-def _percent(share: float | None) -> str:
-    return "none" if share is None else f"{100 * share + 0.0:.2g} %"
+def _left(margin: float | None) -> str:
+    return "not held by any forces" if margin is None else f"{100 * margin + 0.0:.2g} % of the limit"
 
 
 def _binding(shares: Mapping[str, float]) -> list[Row]:

@@ -210,10 +210,13 @@ def test_runs_are_listed_with_their_state(run, tmp_path, interrupted):
     assert records["results/broken"]["state"] == records["results/torn"]["state"] == "damaged"
     (complete,) = (record for record in records.values() if record["state"] == "complete")
     assert (complete["kind"], complete["status"], complete["name"]) == ("learning", "learned", "test")
+    name = "a-folder-that-is-wider-than-a-terminal-of-80-columns-and-must-be-copied-in-one-piece"
+    (tmp_path / complete["folder"]).rename(tmp_path / "results" / name)
     code, out, _ = run("runs")
     assert code == 0
     assert "resumable" in out
     assert "learned" in out
+    assert f"results/{name}" in out
 
 
 def test_runs_are_found_above_the_current_folder(run, tmp_path, monkeypatch):
