@@ -30,6 +30,9 @@ MANY_COLUMNS = 10
 LONGEST_HEAD = 13
 """Width of a column in the terminal; a longer head is folded."""
 
+UNBOUNDED = 10_000
+"""Width of a table that nothing bounds, in characters."""
+
 FIGURES = (
     "learning.svg", "trials.svg", "foot_contacts.svg", "phase_plane.svg", "feet.svg", "footprints.svg", "contacts.svg",
     "joints*.svg", "accelerations.svg",
@@ -174,11 +177,19 @@ def print_summary(data: Mapping[str, Any], console: Console, place: Path) -> Non
     console.print(Text(headline(data), style=f"bold {_COLOURS.get(data['status'], 'red')}"))
     console.print(Text(str(data["message"])))
     if data.get("learning"):
-        console.print(iterations_table(data["learning"]["rows"]))
+        print_whole(iterations_table(data["learning"]["rows"]), console)
         console.print(Text(legend(data["learning"]["rows"]), style="dim"))
     for title, lines in sections(data):
         print_rows(title, lines, console)
     console.print(Text.assemble("Files in ", (str(place), "bold")), soft_wrap=True)
+
+
+def print_whole(shown: Table, console: Console) -> None:
+    """Print a table with no cell cut, wider than the terminal if need be."""
+    width, whole = console.width, console.measure(shown, options=console.options.update(width=UNBOUNDED)).maximum
+    console.width = max(width, whole)
+    console.print(shown)
+    console.width = width
 
 
 def print_rows(title: str, lines: Sequence[Row], console: Console) -> None:

@@ -21,10 +21,6 @@ GOOD = ("solved", "learned")
 """Statuses of runs that came out well."""
 
 
-UNBOUNDED = 10_000
-"""Width of a table that nothing bounds, in characters."""
-
-
 def console(stderr: bool = False) -> Console:
     """The terminal, or what stands in its place."""
     from rich.console import Console
@@ -119,6 +115,8 @@ def show_runs(records: Sequence[dict[str, Any]], folder: Path) -> None:
     from rich import box
     from rich.table import Table
 
+    from robustopt.report import print_whole
+
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for head in ("kind", "state", "result", "duration [s]", "created", "folder"):
         table.add_column(head, justify="right" if head.startswith("duration") else "left", no_wrap=True)
@@ -126,9 +124,7 @@ def show_runs(records: Sequence[dict[str, Any]], folder: Path) -> None:
         duration = "" if record["duration"] is None else f"{record['duration']:.4f}"
         cells = (record["kind"], record["state"], record["status"], duration, record["created"][:19], record["folder"])
         table.add_row(*(str(cell or "") for cell in cells))
-    out = console()
-    out.width = max(out.width, out.measure(table, options=out.options.update(width=UNBOUNDED)).maximum)
-    out.print(table)
+    print_whole(table, console())
 
 
 def print_json(data: dict[str, Any]) -> None:
