@@ -176,7 +176,7 @@ def print_summary(data: Mapping[str, Any], console: Console, place: Path) -> Non
     """Print the summary of a run and where its files are."""
     console.print(Text(headline(data), style=f"bold {_COLOURS.get(data['status'], 'red')}"))
     console.print(Text(str(data["message"])))
-    if data.get("learning"):
+    if data.get("learning") and data["learning"]["rows"]:
         print_whole(iterations_table(data["learning"]["rows"]), console)
         console.print(Text(legend(data["learning"]["rows"]), style="dim"))
     for title, lines in sections(data):
@@ -269,7 +269,7 @@ def write_learning_figures(data: Mapping[str, Any], planned: PlanResult | None, 
 def write_page(data: Mapping[str, Any], folder: Path) -> None:
     """Write the summary of a run and the figures in its folder as one page that needs no other file."""
     title = escape(headline(data))
-    iterations = _iterations(data["learning"]["rows"]) if data.get("learning") else ""
+    iterations = _iterations(data["learning"]["rows"] if data.get("learning") else [])
     tables = iterations + "".join(f"<h2>{escape(name)}</h2>\n{_table(lines)}" for name, lines in sections(data))
     paths = [path for pattern in FIGURES for path in sorted((folder / "figures").glob(pattern))]
     figures = "".join(_figure(path) for path in paths)
@@ -281,6 +281,8 @@ def write_page(data: Mapping[str, Any], folder: Path) -> None:
 
 
 def _iterations(records: Sequence[Mapping[str, Any]]) -> str:
+    if not records:
+        return ""
     heads, lines = table(records)
     head = "".join(f"<th>{escape(name)}</th>" for name in heads)
     body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in line)}</tr>\n" for line in lines)

@@ -494,6 +494,17 @@ def test_the_legend_says_what_is_shown():
     assert "Spdup" not in learning_table.legend(rows)
 
 
+def test_without_an_iteration_there_is_no_table(run, tmp_path):
+    """On a tray that leans by 0.1 rad nothing stands with a friction of 0.02: there is nothing to execute."""
+    parameters = "learning.parameters=[{key: contact.friction.block, optimistic: 0.02, conservative: 0.01}]"
+    tilted = "gravity=[1, 0, -9.7]"
+    code, out, _ = run(*LEARN, "--algorithm", "bnb-midpoint", parameters, tilted, "--out", "a")
+    assert code == 3
+    assert "There is no plan, even for the most optimistic belief." in " ".join(out.split())
+    assert "\n.\n" not in out
+    assert "Iterations" not in (tmp_path / "a" / "report.html").read_text()
+
+
 def test_it_says_so_where_the_most_conservative_parameters_fail(run, tmp_path):
     """They shall not; how likely bad luck was is no question of theirs."""
     parameters = "learning.parameters=[{key: contact.friction.block, optimistic: 1, conservative: 0.7}]"
