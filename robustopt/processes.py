@@ -136,7 +136,8 @@ def _end_with(parent: int) -> None:
             time.sleep(ORPHANED)
         os._exit(1)
 
-    threading.Thread(target=watch, daemon=True).start()
+    if os.getppid() == parent:  # on Windows a launcher may stand between them
+        threading.Thread(target=watch, daemon=True).start()
 
 
 @contextmanager
