@@ -30,6 +30,9 @@ MANY_COLUMNS = 10
 LONGEST_HEAD = 13
 """Width of a column in the terminal; a longer head is folded."""
 
+UNBOUNDED = 10_000
+"""Width of a table that nothing bounds, in characters."""
+
 FIGURES = (
     "learning.svg", "trials.svg", "foot_contacts.svg", "phase_plane.svg", "feet.svg", "footprints.svg", "contacts.svg",
     "joints*.svg", "accelerations.svg",
@@ -62,9 +65,7 @@ def headline(data: Mapping[str, Any]) -> str:
         return f"{data['name']}: {data['status']}"
     if data.get("kind") == "learning":
         return f"{data['name']}: {data['status']} a plan of {data['duration']:.4f} s"
-    motion = f"{data['duration']:.4f} s by {data['method']}"
-    stopped = data.get("kind") == "execution" and data["status"] != "solved"
-    return f"{data['name']}: {data['status']}{'; plan of' if stopped else ' in'} {motion}"
+    return f"{data['name']}: {data['status']}; the motion takes {data['duration']:.4f} s, planned by {data['method']}"
 
 
 def sections(data: Mapping[str, Any]) -> list[tuple[str, list[Row]]]:
@@ -122,11 +123,11 @@ def _errors(values: Sequence[float]) -> str:
 def _certificate(certificate: Mapping[str, Any]) -> list[Row]:
     worst, margins = certificate["worst"], certificate["margins"]
     effort = f"{certificate['level']}: {certificate['draws']:,} draws, {certificate['tests']:,} tests"
-    name, margin = min(margins.items(), key=lambda item: _or_infinite(item[1]["on_grid"]))
+    name, margin = min(margins.items(), key=lambda item: _lowest(item[1]["on_grid"]))
     lines = [
         Row("result", f"{'passed' if certificate['passed'] else 'failed'} ({effort})"),
-        Row("margin at grid points", f"{_percent(margin['on_grid'])} of the limit: {name}"),
-        Row("worst margin", f"{_percent(worst['margin'])} of the limit: {worst['limit']}"),
+        Row("margin at grid points", f"{_left(margin['on_grid'])}: {name}"),
+        Row("worst margin", f"{_left(worst['margin'])}: {worst['limit']}"),
         Row("  where", f"{worst['place']}, {'at a' if worst['on_grid'] else 'next to a'} grid point"),
         Row("  when", f"t = {worst['t']:.3f} s, s = {worst['s']:.4f}"),
     ]
@@ -140,12 +141,13 @@ def _diagnosis(diagnosis: Mapping[str, Any]) -> list[Row]:
     return [Row("where", f"{diagnosis['place']}, s = {diagnosis['s']:.4g}"), *conflicts, *remedies]
 
 
-def _or_infinite(value: float | None) -> float:
-    return float("inf") if value is None else value
+def _lowest(margin: float | None) -> float:
+    """A margin on the grid from a summary, which has none where nothing holds the limit."""
+    return float("-inf") if margin is None else margin
 
 
-def _percent(share: float | None) -> str:
-    return "none" if share is None else f"{100 * share + 0.0:.2g} %"
+def _left(margin: float | None) -> str:
+    return "not held by any forces" if margin is None else f"{100 * margin + 0.0:.2g} % of the limit"
 
 
 def _binding(shares: Mapping[str, float]) -> list[Row]:
@@ -174,12 +176,20 @@ def print_summary(data: Mapping[str, Any], console: Console, place: Path) -> Non
     """Print the summary of a run and where its files are."""
     console.print(Text(headline(data), style=f"bold {_COLOURS.get(data['status'], 'red')}"))
     console.print(Text(str(data["message"])))
-    if data.get("learning"):
-        console.print(iterations_table(data["learning"]["rows"]))
+    if data.get("learning") and data["learning"]["rows"]:
+        print_whole(iterations_table(data["learning"]["rows"]), console)
         console.print(Text(legend(data["learning"]["rows"]), style="dim"))
     for title, lines in sections(data):
         print_rows(title, lines, console)
     console.print(Text.assemble("Files in ", (str(place), "bold")), soft_wrap=True)
+
+
+def print_whole(shown: Table, console: Console) -> None:
+    """Print a table with no cell cut, wider than the terminal if need be."""
+    width, whole = console.width, console.measure(shown, options=console.options.update(width=UNBOUNDED)).maximum
+    console.width = max(width, whole)
+    console.print(shown)
+    console.width = width
 
 
 def print_rows(title: str, lines: Sequence[Row], console: Console) -> None:
@@ -259,7 +269,7 @@ def write_learning_figures(data: Mapping[str, Any], planned: PlanResult | None, 
 def write_page(data: Mapping[str, Any], folder: Path) -> None:
     """Write the summary of a run and the figures in its folder as one page that needs no other file."""
     title = escape(headline(data))
-    iterations = _iterations(data["learning"]["rows"]) if data.get("learning") else ""
+    iterations = _iterations(data["learning"]["rows"] if data.get("learning") else [])
     tables = iterations + "".join(f"<h2>{escape(name)}</h2>\n{_table(lines)}" for name, lines in sections(data))
     paths = [path for pattern in FIGURES for path in sorted((folder / "figures").glob(pattern))]
     figures = "".join(_figure(path) for path in paths)
@@ -271,6 +281,8 @@ def write_page(data: Mapping[str, Any], folder: Path) -> None:
 
 
 def _iterations(records: Sequence[Mapping[str, Any]]) -> str:
+    if not records:
+        return ""
     heads, lines = table(records)
     head = "".join(f"<th>{escape(name)}</th>" for name in heads)
     body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in line)}</tr>\n" for line in lines)

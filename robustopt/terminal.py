@@ -108,22 +108,23 @@ def say(text: str) -> None:
 
 
 def show_runs(records: Sequence[dict[str, Any]], folder: Path) -> None:
-    """Print a table of runs."""
+    """Print a table of runs, as wide as its folders, which are to be copied."""
     if not records:
         print(f"no runs in {folder}")
         return
     from rich import box
     from rich.table import Table
 
+    from robustopt.report import print_whole
+
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for head in ("folder", "kind", "state", "result", "duration [s]", "created"):
-        justify: Any = "right" if head.startswith("duration") else "left"
-        table.add_column(head, justify=justify, overflow="fold", no_wrap=head != "folder")
+    for head in ("kind", "state", "result", "duration [s]", "created", "folder"):
+        table.add_column(head, justify="right" if head.startswith("duration") else "left", no_wrap=True)
     for record in records:
         duration = "" if record["duration"] is None else f"{record['duration']:.4f}"
-        cells = (record["folder"], record["kind"], record["state"], record["status"], duration, record["created"][:19])
+        cells = (record["kind"], record["state"], record["status"], duration, record["created"][:19], record["folder"])
         table.add_row(*(str(cell or "") for cell in cells))
-    console().print(table)
+    print_whole(table, console())
 
 
 def print_json(data: dict[str, Any]) -> None:

@@ -8,12 +8,15 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from robustopt import __version__
+from robustopt.certificate import Worst
 from robustopt.config import load_config
 from robustopt.errors import RobustOptError
 from robustopt.interruption import interruptions, on_interrupt
+from robustopt.report import sections
 from robustopt.runs import experiment
 from robustopt.runs.store import read_summary
 
@@ -48,7 +51,7 @@ def test_plan_writes_a_whole_run_folder_and_prints_its_summary(run, tmp_path):
     assert summary["status"] == "solved"
     assert summary["certificate"]["passed"] is True
     assert sum(summary["binding"].values()) == pytest.approx(1.0)
-    assert f"waiter-two-blocks: solved in {summary['duration']:.4f} s by ipopt" in out
+    assert f"waiter-two-blocks: solved; the motion takes {summary['duration']:.4f} s, planned by ipopt" in out
     for said in ("What binds", "Certificate", "passed", next(iter(summary["binding"])), folder.name):
         assert said in out
     stored = load_config(folder / "config.yaml")
@@ -263,6 +266,17 @@ def test_a_plan_that_fails_its_certificate_is_not_reported_as_solved(run, monkey
     assert "solved" not in out
     code, out, _ = run("plan", WAITER, *SMALL, "--json")
     assert json.loads(out)["error"]["kind"] == "certificate failed"
+
+
+def test_a_limit_that_no_forces_hold_is_the_smallest_margin():
+    """A margin of -inf, null in a summary: it was shown as "none of the limit", and passed over on the grid."""
+    worst = Worst("slip of cup on tray", -np.inf, 0.0, 0.0, True, {})
+    margins = {"joint3 position": {"on_grid": 0.17, "between": 0.17}, worst.limit: {"on_grid": None, "between": -0.2}}
+    found = {"limit": worst.limit, "margin": None, "s": 0.0, "t": 0.0, "on_grid": True, "parameters": {}}
+    certificate = {"worst": found | {"place": "at tray_poses[0]"}, "margins": margins, "passed": False}
+    ((_, lines),) = sections({"certificate": certificate | {"level": "quick", "draws": 0, "tests": 9}})
+    assert [line.value for line in lines[1:3]] == ["not held by any forces: slip of cup on tray"] * 2
+    assert str(worst).startswith("slip of cup on tray: not held by any forces at t = 0.000 s")
 
 
 @pytest.mark.parametrize("out", ["file/run", "/proc/run"])

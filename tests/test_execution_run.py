@@ -312,7 +312,7 @@ def test_where_every_simulation_diverges_the_exit_code_is_5(run, tmp_path, store
     assert (code, err) == (5, "")
     assert "0 of 3 trials succeeded" in " ".join(out.split())
     assert "Of the others: 3 simulation diverged." in " ".join(out.split())
-    assert "waiter-one-block: simulation failed; plan of" in out
+    assert "waiter-one-block: simulation failed; the motion takes" in out
     summary, rows = read_summary(tmp_path / "d"), table(tmp_path / "d" / "executions.csv")
     assert (summary["status"], summary["success_rate"]) == ("simulation failed", 0.0)
     assert summary["executions"]["statuses"] == {"simulation diverged": 3}

@@ -211,10 +211,13 @@ def test_runs_are_listed_with_their_state(run, tmp_path, interrupted):
     assert records["results/broken"]["state"] == records["results/torn"]["state"] == "damaged"
     (complete,) = (record for record in records.values() if record["state"] == "complete")
     assert (complete["kind"], complete["status"], complete["name"]) == ("learning", "learned", "test")
+    name = "a-folder-that-is-wider-than-a-terminal-of-80-columns-and-must-be-copied-in-one-piece"
+    (tmp_path / complete["folder"]).rename(tmp_path / "results" / name)
     code, out, _ = run("runs")
     assert code == 0
     assert "resumable" in out
     assert "learned" in out
+    assert f"results/{name}" in out
 
 
 def test_runs_are_found_above_the_current_folder(run, tmp_path, monkeypatch):
@@ -522,6 +525,47 @@ def test_many_parameters_fit_into_a_terminal(count):
     heads, _ = learning_table.table(rows)
     assert heads[1 : count + 1] == (["lower", "upper"] if count == 2 else ["p1", "p2", "p3", "p4", "p5"])
     assert all(f"p{i}: {key};" in learning_table.legend(rows) for i, key in enumerate(keys, 1)) == (count == 5)
+
+
+@pytest.mark.parametrize("width", [40, 80])
+def test_no_cell_of_the_iterations_is_cut(width):
+    """At 80 columns 7/7 was shown as 7/ beside acceleration errors, an interval and fresh executions."""
+    row = {"iteration": 6, "friction": 0.09375, "planned_half_width": [1.4], "duration": 2.313, "executions": 7}
+    row |= {"friction_high": 0.09375, "friction_low": 0.0625, "successes": 7, "bad_luck": 0.12, "success_rate": 1.0}
+    row |= {"result": "not executed", "success_low": 0.69, "success_high": 1.0}
+    shown = io.StringIO()
+    console = Console(file=shown, width=width)
+    report.print_whole(report.iterations_table([row]), console)
+    assert console.width == width
+    for cell in learning_table.table([row])[1][0]:
+        assert cell in shown.getvalue()
+
+
+def test_the_legend_says_what_is_shown():
+    rows = [{"iteration": 1, "friction": 0.5, "duration": 1.0, "result": "success", "incumbent": 1.0}]
+    assert learning_table.legend(rows).startswith("Rslt: S success")
+    assert "best: shortest plan" in learning_table.legend(rows)
+    assert "Spdup" not in learning_table.legend(rows)
+
+
+def test_without_an_iteration_there_is_no_table(run, tmp_path):
+    """On a tray that leans by 0.1 rad nothing stands with a friction of 0.02: there is nothing to execute."""
+    parameters = "learning.parameters=[{key: contact.friction.block, optimistic: 0.02, conservative: 0.01}]"
+    tilted = "gravity=[1, 0, -9.7]"
+    code, out, _ = run(*LEARN, "--algorithm", "bnb-midpoint", parameters, tilted, "--out", "a")
+    assert code == 3
+    assert "There is no plan, even for the most optimistic belief." in " ".join(out.split())
+    assert "\n.\n" not in out
+    assert "Iterations" not in (tmp_path / "a" / "report.html").read_text()
+
+
+def test_it_says_so_where_the_most_conservative_parameters_fail(run, tmp_path):
+    """They shall not; how likely bad luck was is no question of theirs."""
+    parameters = "learning.parameters=[{key: contact.friction.block, optimistic: 1, conservative: 0.7}]"
+    code, _, err = run(*LEARN, "--algorithm", "bnb-midpoint", parameters, "learning.budget=3", "--out", "a", "-q")
+    assert code == 3
+    assert "Even the conservative values of all parameters failed" in err
+    assert "bad_luck" not in table(tmp_path / "a" / "iterations.csv")[-1]
 
 
 # Bad input ------------------------------------------------------------------------------------------------

@@ -96,7 +96,9 @@ class Worst:
 
     def __str__(self) -> str:
         place = "at a grid point" if self.on_grid else "between grid points"
-        left = f"{100 * self.margin:.3g} % of the limit left"
+        left = "not held by any forces"
+        if np.isfinite(self.margin):
+            left = f"{100 * self.margin:.3g} % of the limit left"
         return f"{self.limit}: {left} at t = {self.t:.3f} s, s = {self.s:.4f}, {place}"
 
 

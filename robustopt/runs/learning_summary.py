@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import isclose
 from typing import Any
 
 from robustopt.confidence import Reading, bad_luck, phi
@@ -61,10 +62,10 @@ def sentence(learned: Learned) -> str:
     spent = f"{_count(learned.state.executed, 'execution')} of {_count(_executed_plans(learned), 'plan')}"
     if best is None:
         friction = " Friction stayed as it is believed; `ilrobs` learns it too." if end in _FIXED_FRICTION else ""
-        return f"{end.sentence} {spent}.{friction}"
+        return f"{end.sentence} {spent}.{friction}{_even_the_slowest(learned)}"
     trial = best.trial
     times = f"{trial.successes} of {trial.successes + trial.failures} times{_fresh(learned, best)}"
-    text = f"{_capital(described(trial.belief))}: a plan of {trial.duration:.4f} s that succeeded {times}."
+    text = f"A plan of {trial.duration:.4f} s, for {described(trial.belief)}, succeeded {times}."
     returned = learned.returned
     if returned is not None and returned is not best:
         answer = f"{described(returned.trial.belief)}: {returned.trial.duration:.4f} s, not executed as such"
@@ -76,8 +77,17 @@ def _count(number: int, name: str) -> str:
     return f"{number:,} {name}{'' if number == 1 else 's'}"
 
 
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
+def _even_the_slowest(learned: Learned) -> str:
+    """That several parameters at the conservative ends of all their intervals failed, which those shall not do."""
+    ends = {parameter.key: parameter.conservative for parameter in learned.settings.parameters}
+    for row in learned.rows:
+        values = dict(row.trial.belief.parameters)
+        if values and row.trial.failures and all(isclose(values[key], end) for key, end in ends.items()):
+            return (
+                " Even the conservative values of all parameters failed, so nothing in these intervals is known to be"
+                " safe: choose more conservative ones, or look for what else is not as believed."
+            )
+    return ""
 
 
 def _fresh(learned: Learned, row: Row) -> str:
@@ -118,7 +128,7 @@ def confidence_sentence(learned: Learned) -> str:
 def row_record(learned: Learned, row: Row) -> dict[str, Any]:
     """The record of a row, with what fresh executions say and how likely its failure was bad luck."""
     record: dict[str, Any] = dict(row.record())
-    if row.trial.failures and row.lower_bound is None:
+    if row.trial.failures and not row.trial.belief.parameters:
         rate = target_rate(learned.settings)
         record["bad_luck"] = bad_luck(row.trial.successes, row.trial.failures, rate, learned.settings.prior)
     if row.lower_bound is not None and row.gap is not None:

@@ -116,19 +116,27 @@ COLUMNS = (
 NAMED = 3
 """Most learned parameters whose columns have their names as heads: more would not fit into a terminal."""
 
-_LEGEND = (
-    "Rslt: S success, F failure, ? undecided, - hardly faster than the best and so not executed; Spdup: the same path "
-    "faster; upp, low: interval of mu after it; +-err: widest interval of the acceleration error that was planned for "
-    "[rad/s^2 or m/s^2]; S/n: successes of executions; luck: probability that a plan which failed meets the success "
-    "rate in question all the same; fresh: successes of fresh executions."
-)
+_MEANINGS = {
+    "+-err": "widest interval of the acceleration error that was planned for [rad/s^2 or m/s^2]",
+    "Rslt": "S success, F failure, ? undecided, - hardly faster than the best and so not executed",
+    "Spdup": "the same path faster",
+    "upp": "upper end of the interval of mu after it",
+    "low": "lower end",
+    "best": "shortest plan so far that counts as a success [s]",
+    "bound": "least duration of what is not ruled out [s]",
+    "S/n": "successes of executions",
+    "luck": "probability that a plan which failed meets the success rate in question all the same",
+    "fresh": "successes of fresh executions",
+}
+"""What heads mean that do not say it."""
 
 
 def legend(records: Sequence[Record]) -> str:
     """What the columns of these records mean."""
-    keys = _keys(records)
-    numbered = [f"{head}: {key}; " for head, key in zip(_numbered(keys), keys, strict=True)]
-    return "".join(numbered if len(keys) > NAMED else ()) + _LEGEND
+    keys, heads = _keys(records), table(records)[0]
+    meanings = dict(zip(_numbered(keys), keys, strict=True)) if len(keys) > NAMED else {}
+    meanings |= {head: _MEANINGS[head] for head in heads if head in _MEANINGS}
+    return "; ".join(f"{head}: {meaning}" for head, meaning in meanings.items()) + "."
 
 
 def table(records: Sequence[Record]) -> tuple[list[str], list[list[str]]]:
