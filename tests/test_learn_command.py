@@ -568,6 +568,19 @@ def test_it_says_so_where_the_most_conservative_parameters_fail(run, tmp_path):
     assert "bad_luck" not in table(tmp_path / "a" / "iterations.csv")[-1]
 
 
+def test_it_says_so_where_one_success_says_little(run):
+    """True friction varies about what the best plan needs; so do its fresh executions."""
+    parameters = "learning.parameters=[{key: contact.friction.block, optimistic: 0.6, conservative: 0.2}]"
+    varying = ("execution.truth.variation.friction=0.1", "learning.budget=6", "learning.trials=40")
+    told = {}
+    for times in (1, 2):
+        asked = f"learning.executions_per_plan={times}"
+        code, out, _ = run(*LEARN, "--algorithm", "bnb-midpoint", parameters, *varying, asked, "--out", f"a{times}")
+        assert code == 0
+        told[times] = "learning.executions_per_plan=7 asks for a rate of about 0.86" in " ".join(out.split())
+    assert told == {1: True, 2: False}
+
+
 # Bad input ------------------------------------------------------------------------------------------------
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import isclose
 from typing import Any
 
-from robustopt.confidence import Reading, bad_luck, phi
+from robustopt.confidence import Reading, bad_luck, paper_executions, phi
 from robustopt.config import LearningConfig
 from robustopt.learning.calibrated import Calibrated
 from robustopt.learning.earned import earned
@@ -70,7 +70,20 @@ def sentence(learned: Learned) -> str:
     if returned is not None and returned is not best:
         answer = f"{described(returned.trial.belief)}: {returned.trial.duration:.4f} s, not executed as such"
         text += f" The algorithm returns {answer}{_fresh(learned, returned)}."
-    return f"{text} {end.sentence} {spent}."
+    return f"{text} {end.sentence} {spent}.{_too_few_in_a_row(learned, best)}"
+
+
+def _too_few_in_a_row(learned: Learned, best: Row) -> str:
+    """That one success in a row says little where fresh executions of the plan differ."""
+    judgement, settings = learned.judgement(best), learned.settings
+    varied = judgement is not None and 0 < judgement.successes < judgement.trials
+    if not (varied and best.trial.belief.parameters and settings.executions_per_plan == 1):
+        return ""
+    times = paper_executions(settings.K, Reading(settings.reading))
+    return (
+        " Executions vary here, and one that succeeds says little of a plan: learning.executions_per_plan="
+        f"{times} asks for a rate of about {1 - 1 / times:.2f}."
+    )
 
 
 def _count(number: int, name: str) -> str:
