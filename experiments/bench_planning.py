@@ -227,10 +227,10 @@ def batches(size: Size) -> Iterator[Record]:
     """Durations for many settings of the beliefs, N = 200, with one thread and with all cores; nothing remembered."""
     config = configured(TWO_BLOCKS, 200)
     cores = BatchPlanner(config).workers
+    slowest = list(BATCHES.values())[-1]
+    BatchPlanner(config).plan_durations(_drawn(slowest, size.settings))  # begins the worker processes
     for beliefs, ranges in BATCHES.items():
-        low, high = zip(*ranges.values(), strict=True)
-        drawn = np.random.default_rng(0).uniform(low, high, (size.settings, len(ranges))).tolist()
-        settings = [dict(zip(ranges, values, strict=True)) for values in drawn]
+        settings = _drawn(ranges, size.settings)
         planners = {workers: BatchPlanner(config, workers) for workers in sorted({1, cores})}
         calls = {workers: partial(planner.plan_durations, settings) for workers, planner in planners.items()}
         for workers, times in interleaved(calls, size.batch_repetitions).items():
@@ -244,6 +244,13 @@ def batches(size: Size) -> Iterator[Record]:
                 "workers": workers,
                 **spread(times),
             }
+
+
+def _drawn(ranges: dict[str, tuple[float, float]], count: int) -> list[dict[str, float]]:
+    """Settings of beliefs, each drawn from its range."""
+    low, high = zip(*ranges.values(), strict=True)
+    drawn = np.random.default_rng(0).uniform(low, high, (count, len(ranges))).tolist()
+    return [dict(zip(ranges, values, strict=True)) for values in drawn]
 
 
 def papers_split(size: Size) -> Iterator[Record]:
