@@ -266,13 +266,16 @@ def main() -> None:
     def place(run: dict[str, Value]) -> tuple[int, int, int, int]:
         return order.index(run["world"]), run["k"], names.index(run["method"]), run["seed"]
 
-    with ProcessPoolExecutor(arguments.workers) as pool:
+    pool = ProcessPoolExecutor(arguments.workers)
+    try:
         for number, done in enumerate(as_completed([pool.submit(one_run, *task) for task in tasks]), 1):
             runs.append(done.result())
             if number % 50 == 0 or number == len(tasks):
                 runs.sort(key=place)
                 write_runs(runs, path)
                 print(f"{number} of {len(tasks)} runs", flush=True)
+    finally:
+        pool.shutdown(kill_workers=True)
     for file in (path, *write_report(runs, arguments.out)):
         print(file)
 

@@ -92,7 +92,7 @@ class BatchPlanner:
         for count, setting in enumerate(settings[1:], 1):
             found.append(self._duration(setting))
             spent, left = time.perf_counter() - began, len(settings) - len(found)
-            alone, worthwhile = STARTED if begun() else ALONE
+            alone, worthwhile = STARTED if begun(self.workers) else ALONE
             if self.workers > 1 and spent > alone and left * spent / count > worthwhile:
                 return np.array(found + self._durations_by_processes(settings[-left:]))
         return np.array(found)

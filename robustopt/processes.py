@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 import time
 import warnings
@@ -38,6 +39,9 @@ ORPHANED = 0.5
 HEARD = 0.1
 """How often a wait for a result looks whether an interruption came [s]."""
 
+UNSEEN = 3.0
+"""A worker that is dead for so long was not seen to die [s]."""
+
 ALGEBRA = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 """Threads of libraries of linear algebra: one in each worker, unless the environment says otherwise."""
 
@@ -55,8 +59,10 @@ class _Pool:
 
         warnings.filterwarnings("ignore", category=UserWarning, module="loky")  # of workers that it replaces
         env = {name: os.environ.get(name, "1") for name in ALGEBRA}
-        self.size, self.owner, self.last_task = size, os.getpid(), 0.0
+        self.size, self.owner, self.last_task = size, os.getpid(), time.monotonic()
         self._executor = ProcessPoolExecutor(size, timeout=IDLE, env=env, initializer=_end_with, initargs=(self.owner,))
+        self._tasks, self._results = (getattr(self._executor, f"_{name}_queue", None) for name in ("call", "result"))
+        self._lost: float | None = None
         self._at_exit = Finalize(None, self.end, exitpriority=0)  # a child of `multiprocessing` waits for its children
         _pools.append(self)
 
@@ -66,25 +72,58 @@ class _Pool:
         with _deaf_children():
             return self._executor.submit(call, *task)
 
+    def require_alive(self) -> None:
+        """Break off where a worker is dead and loky does not see it.
+
+        A worker that is killed while it writes a result leaves half of it in the pipe, and loky waits for the rest.
+        """
+        if all(worker.is_alive() for worker in self._workers()):
+            self._lost = None
+        elif self._lost is None:
+            self._lost = time.monotonic()
+        elif time.monotonic() - self._lost > UNSEEN:
+            self._break_off()
+
     def end(self) -> None:
         """End the workers, whatever they are doing."""
         with held():
-            if self not in _pools or self.owner != os.getpid():
+            if self.owner != os.getpid():
                 return
-            _pools.remove(self)
+            try:
+                _pools.remove(self)
+            except ValueError:  # ended already, maybe by another thread
+                return
             self._at_exit.cancel()
-            tasks = getattr(self._executor, "_call_queue", None)
-            self._executor.shutdown(kill_workers=True)
-            feeder = getattr(tasks, "_thread", None)
-            if tasks is not None and feeder is not None:  # loky does not wait until this thread has freed its locks
-                tasks._reader.close()  # it may be writing a task that nobody is left to read
-                feeder.join(1.0)
+            manager = getattr(self._executor, "_executor_manager_thread", None)
+            self._executor.shutdown(wait=False, kill_workers=True)
+            if manager is not None:
+                manager.join(UNSEEN)
+                if manager.is_alive():
+                    self._break_off()
+                manager.join()
+            feeder = getattr(self._tasks, "_thread", None)
+            if self._tasks is not None and feeder is not None:
+                self._tasks._reader.close()  # it may be writing a task that nobody is left to read
+                feeder.join(1.0)  # loky tells it to end, but does not wait until it has freed its locks
+
+    def _workers(self) -> list[Any]:
+        return list((getattr(self._executor, "_processes", None) or {}).values())
+
+    def _break_off(self) -> None:
+        """With all ends closed that it is written to, the pipe of the results ends, also for a thread that reads it."""
+        from loky.backend.utils import kill_process_tree
+
+        for worker in self._workers():
+            kill_process_tree(worker)
+        if self._results is not None:
+            writer, self._results._writer = self._results._writer, self._results._reader  # which that thread closes
+            writer.close()
 
 
-def begun() -> bool:
-    """Whether this process has worker processes that wait for tasks, and need no time to start."""
-    owner, since = os.getpid(), time.monotonic() - IDLE
-    return any(pool.owner == owner and pool.last_task > since for pool in _waiting)
+def begun(processes: int) -> bool:
+    """Whether this process has as many worker processes that wait for tasks, and need no time to start."""
+    asked, since = (processes, os.getpid()), time.monotonic() - IDLE
+    return any((pool.size, pool.owner) == asked and pool.last_task > since for pool in _waiting)
 
 
 def cores() -> int:
@@ -110,20 +149,22 @@ def in_processes(
 
     done = 0
     for attempt in range(RETRIES + 1):
-        pool = _take(processes)
+        pool = None
         try:
+            with held():
+                pool = _take(processes)
             for result in in_order(partial(_give, pool, call), tasks[done:], AHEAD * processes):
                 done += 1
                 yield result
         except BrokenProcessPool as error:
-            pool.end()
+            _end(pool)
             if attempt == RETRIES:
                 raise failed(
                     f"Worker processes died {attempt + 1} times, for instance because the memory ran out; "
                     f"{done} of {len(tasks)} parts of the work were done. Fewer workers need less memory."
                 ) from error
         except BaseException:
-            pool.end()
+            _end(pool)
             raise
         else:
             _waiting.append(pool)
@@ -143,6 +184,11 @@ def _take(processes: int) -> _Pool:
         pool.end()
 
 
+def _end(pool: _Pool | None) -> None:
+    if pool is not None:
+        pool.end()
+
+
 def in_order(give: Callable[[Task], Callable[[], T]], tasks: Iterable[Task], ahead: int) -> Generator[T, None, None]:
     """Results of tasks in their order; give: begins a task, what it returns waits for the result; ahead: how many are
     given away at once."""
@@ -155,31 +201,35 @@ def in_order(give: Callable[[Task], Callable[[], T]], tasks: Iterable[Task], ahe
         yield given.popleft()()
 
 
-def _result(future: Future[T]) -> T:
+def _result(pool: _Pool, future: Future[T]) -> T:
     """An interruption waits until the library is not in the midst of something."""
     while True:
         with held():
             wait([future], HEARD)
             if future.done():
                 return future.result()
+            pool.require_alive()
 
 
 def _give(pool: _Pool, call: Callable[..., T], task: tuple[Any, ...]) -> Callable[[], T]:
     """Give a task to workers; what it returns waits for the result."""
     with held():
-        return partial(_result, pool.submit(call, task))
+        return partial(_result, pool, pool.submit(call, task))
 
 
 def _end_with(parent: int) -> None:
     """End this worker soon after the process that began it is killed, which cannot end it then."""
 
     def watch() -> None:
-        while os.getppid() == parent:
+        if sys.platform == "win32":  # where the number of a parent outlives it
+            begun_by = multiprocessing.parent_process()
+            assert begun_by is not None
+            begun_by.join()
+        while sys.platform != "win32" and os.getppid() == parent:
             time.sleep(ORPHANED)
         os._exit(1)
 
-    if os.getppid() == parent:  # on Windows a launcher may stand between them
-        threading.Thread(target=watch, daemon=True).start()
+    threading.Thread(target=watch, daemon=True).start()
 
 
 @contextmanager

@@ -188,8 +188,10 @@ def print_whole(shown: Table, console: Console) -> None:
     """Print a table with no cell cut, wider than the terminal if need be."""
     width, whole = console.width, console.measure(shown, options=console.options.update(width=UNBOUNDED)).maximum
     console.width = max(width, whole)
-    console.print(shown)
-    console.width = width
+    try:
+        console.print(shown)
+    finally:
+        console.width = width
 
 
 def print_rows(title: str, lines: Sequence[Row], console: Console) -> None:

@@ -161,8 +161,8 @@ class Threads(ThreadPoolExecutor):
     def __init__(self, workers, **_):
         super().__init__(workers)
 
-    def shutdown(self, kill_workers):
-        super().shutdown()
+    def shutdown(self, wait, kill_workers):
+        super().shutdown(wait)
 
 
 def test_where_signals_cannot_be_blocked_no_tracker_of_posix_is_begun(monkeypatch):
@@ -191,7 +191,7 @@ def test_an_interruption_while_tasks_are_given_leaves_no_worker_and_no_thread(mo
     monkeypatch.setattr(processes, "_give", interrupted)
     with pytest.raises(KeyboardInterrupt):
         list(in_processes(abs, [(-k,) for k in range(10)], 2, SimulationFailed))
-    assert not processes.begun()
+    assert not processes.begun(2)
     assert set(threading.enumerate()) <= threads
 
 

@@ -120,7 +120,6 @@ def test_a_batch_is_written_as_a_whole_or_not_at_all(tmp_path):
 
 HOLD = """
 import sys
-from contextlib import closing
 from pathlib import Path
 from robustopt.runs.journal import Journal
 from robustopt.learning.learner import Belief

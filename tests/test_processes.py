@@ -1,11 +1,14 @@
-"""Worker processes where several calls, threads and processes use them at once."""
+"""Worker processes where several calls, threads and processes use them at once, and where they die at a bad moment."""
 
+import multiprocessing.connection
 import os
+import signal
 import subprocess
 import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import pytest
 
@@ -53,7 +56,7 @@ def test_a_call_that_is_abandoned_disturbs_no_other():
     found = [next(results)]
     abandon([(k, b"") for k in NUMBERS])
     assert found + list(results) == [k**2 for k in NUMBERS]
-    assert begun()
+    assert begun(2)
 
 
 def test_large_tasks_that_are_abandoned_leave_no_thread():
@@ -61,6 +64,40 @@ def test_large_tasks_that_are_abandoned_leave_no_thread():
     threads = set(threading.enumerate())
     abandon([(k, bytes(2_000_000)) for k in NUMBERS])
     assert set(threading.enumerate()) <= threads
+
+
+def _dies_in_its_result(number: int, died: Path) -> tuple[int, bytes]:
+    """Kills this worker when half of its result is in the pipe, the first time."""
+    if number != 3 or died.exists():
+        return number, b""
+    died.touch()
+
+    def write(handle: int, data: bytes) -> int:
+        os.write(handle, data[: len(data) // 2])
+        os.kill(os.getpid(), signal.SIGKILL)
+        return 0
+
+    multiprocessing.connection.Connection._send.__defaults__ = (write,)
+    return number, bytes(30_000)
+
+
+def test_a_worker_that_is_killed_while_it_writes_a_result_is_noticed(tmp_path):
+    tasks = [(k, tmp_path / "died") for k in NUMBERS]
+    found = list(in_processes(_dies_in_its_result, tasks, 2, SimulationFailed))
+    assert [number for number, _ in found] == NUMBERS
+    assert (tmp_path / "died").exists()
+
+
+def test_an_interruption_ends_what_waits_for_such_a_worker(tmp_path):
+    results = in_processes(_dies_in_its_result, [(k, tmp_path / "died") for k in NUMBERS], 2, SimulationFailed)
+    next(results)
+    while not (tmp_path / "died").exists():
+        time.sleep(0.05)
+    time.sleep(0.2)
+    threads = [thread for thread in threading.enumerate() if thread.name == "ExecutorManagerThread"]
+    results.close()
+    assert threads
+    assert not any(thread.is_alive() for thread in threads)
 
 
 CHILD = """

@@ -549,13 +549,16 @@ def test_a_urdf_keeps_collision_meshes_that_are_found(tmp_path: Path) -> None:
     assert robot.spec.compile().nmesh == 1
 
 
-@pytest.mark.parametrize("named", ["sub/part.xml", "meshes/link.stl"])
+@pytest.mark.parametrize("named", ["sub/part.xml", "sub/inner.xml", "meshes/link.stl"])
 def test_the_hash_of_a_model_is_that_of_all_files_that_it_names(tmp_path, named):
     for folder in ("sub", "meshes"):
         (tmp_path / folder).mkdir()
     model = tmp_path / "robot.xml"
     model.write_text('<mujoco><compiler meshdir="meshes"/><include file="sub/part.xml"/></mujoco>')
-    (tmp_path / "sub" / "part.xml").write_text('<mujocoinclude><mesh file="link.stl"/></mujocoinclude>')
+    (tmp_path / "sub" / "part.xml").write_text(
+        '<mujocoinclude><mesh file="link.stl"/><include file="inner.xml"/></mujocoinclude>'
+    )
+    (tmp_path / "sub" / "inner.xml").write_text("<mujocoinclude/>")
     (tmp_path / "meshes" / "link.stl").write_bytes(b"solid")
     before = model_hash(model)
     assert model_hash(model) == before

@@ -204,7 +204,7 @@ def _here(job: Job, chunks: Sequence[Sequence[int]], threads: int) -> Generator[
 def _on_cluster(job: Job, chunks: Sequence[Sequence[int]], scheduler: str) -> Generator[list[TrialOutcome], None, None]:
     """Chunks in their order, run by a Dask cluster, one thread each; Dask gives those of a lost worker to another."""
     try:
-        from distributed import Client
+        from distributed import Client, KilledWorker
     except ImportError:
         raise ConfigError("a Dask cluster needs the package `distributed`: pip install 'robustopt[dask]'") from None
     try:
@@ -217,4 +217,9 @@ def _on_cluster(job: Job, chunks: Sequence[Sequence[int]], scheduler: str) -> Ge
         except TimeoutError:
             raise SimulationFailed(f"The Dask scheduler {scheduler} has no workers; expected at least one") from None
         ahead = AHEAD * sum(client.nthreads().values())
-        yield from in_order(lambda chunk: client.submit(run_trials, job, chunk, 1, pure=False).result, chunks, ahead)
+        try:
+            yield from in_order(
+                lambda chunk: client.submit(run_trials, job, chunk, 1, pure=False).result, chunks, ahead
+            )
+        except KilledWorker as error:
+            raise SimulationFailed(f"Workers of the Dask cluster died again and again: {error}") from error

@@ -115,7 +115,8 @@ def _parts(file: Path, folders: Sequence[Path], found: list[Path]) -> list[Path]
     if file.suffix.lower() not in {".xml", ".mjcf", ".urdf"}:
         return found
     names = NAMED.findall(file.read_text(encoding="utf-8", errors="replace"))
-    folders = [*folders, *(folders[0] / name for name in names if (folders[0] / name).is_dir())]
+    folders = list(dict.fromkeys([*folders, file.parent]))
+    folders += [place / name for place in folders for name in names if (place / name).is_dir()]
     for name in names:
         places = (
             [resolve_package(name)]

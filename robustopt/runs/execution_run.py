@@ -173,8 +173,8 @@ def _require_unchanged(folder: Path) -> None:
     config = load_config(folder / CONFIG)
     if model_hash(model_file(config)) != robot:
         raise RobotError(
-            f"the model file of {config.robot.model} is not the one that {folder} was planned with; expected that one, "
-            "or a new run of `robustopt plan`",
+            f"the model file of {config.robot.model}, or one that it names, is not the one that {folder} was planned "
+            "with; expected that one, or a new run of `robustopt plan`",
             key="robot.model",
         )
 

@@ -79,7 +79,7 @@ def _too_few_in_a_row(learned: Learned, best: Row) -> str:
     varied = judgement is not None and 0 < judgement.successes < judgement.trials
     if not (varied and best.trial.belief.parameters and settings.executions_per_plan == 1):
         return ""
-    times = paper_executions(settings.K, Reading(settings.reading))
+    times = max(paper_executions(settings.K, Reading(settings.reading)), 2)
     return (
         " Executions vary here, and one that succeeds says little of a plan: learning.executions_per_plan="
         f"{times} asks for a rate of about {1 - 1 / times:.2f}."
