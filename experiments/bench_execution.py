@@ -20,13 +20,13 @@ from mujoco import rollout
 from timing import interleaved, machine_facts
 
 from robustopt.config import load_config
-from robustopt.execution import execute
-from robustopt.execution.controller import gains_of, reference
-from robustopt.execution.monte_carlo import CHUNK, Job, run_trials, simulate_trials
-from robustopt.execution.simulation import CONTROL, Workspace
 from robustopt.processes import cores
-from robustopt.timescaling import Plan, solve
-from robustopt.trajectory import Trajectory
+from robustopt.simulation import execute
+from robustopt.simulation.controller import gains_of, reference
+from robustopt.simulation.monte_carlo import CHUNK, Job, run_trials, simulate_trials
+from robustopt.simulation.simulation import CONTROL, Workspace
+from robustopt.solvers import Plan, solve
+from robustopt.solvers.trajectory import Trajectory
 
 ROOT = Path(__file__).resolve().parents[1]
 OVERRIDES = (
@@ -45,7 +45,7 @@ def two_blocks() -> Plan:
 
 def plan_of(name: str, overrides: Sequence[str] = ()) -> Plan:
     """The plan of a shipped task."""
-    from robustopt.problem import build_problem
+    from robustopt.limits import build_problem
 
     return solve(build_problem(load_config(ROOT / "configs" / f"{name}.yaml", overrides)))
 

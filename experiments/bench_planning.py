@@ -26,15 +26,15 @@ from bench_report import HELP, NOTHING, PLAN, write_report
 from figure_3 import PAPER_FIGURE_3
 from timing import interleaved, machine_facts, spread
 
-from robustopt.batch import BatchPlanner
 from robustopt.config import Config, load_config
 from robustopt.errors import RobustOptError
+from robustopt.limits import TimeScalingProblem, build_rows
 from robustopt.path import build_path
-from robustopt.problem import TimeScalingProblem, build_rows
 from robustopt.robot import load_robot
-from robustopt.timescaling import Plan, Status, solve
-from robustopt.timescaling.plan import duration_of
-from robustopt.timescaling.reachability import solve_reachability
+from robustopt.solvers import Plan, Status, solve
+from robustopt.solvers.batch import BatchPlanner
+from robustopt.solvers.plan import duration_of
+from robustopt.solvers.reachability import solve_reachability
 
 ROOT = Path(__file__).resolve().parents[1]
 TWO_BLOCKS, SIDE_BY_SIDE = "waiter_two_blocks", "waiter_side_by_side"

@@ -14,11 +14,11 @@ from pathlib import Path
 from worst_parameters import tightness
 
 from robustopt.config import load_config
+from robustopt.limits import build_rows
 from robustopt.path import build_path
-from robustopt.problem import build_rows
 from robustopt.robot import load_robot
+from robustopt.solvers import Status, solve
 from robustopt.tables import Column, Table, csv_text, markdown_text
-from robustopt.timescaling import Status, solve
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from robustopt.problem import TimeScalingProblem
+    from robustopt.limits import TimeScalingProblem
 
 Array = np.ndarray
 Solve = Callable[[], Array]
@@ -54,7 +54,7 @@ def rows_of(problem: TimeScalingProblem) -> Rows:
 
 def ours(rows: Rows) -> Solve:
     """The two passes of `reachability`."""
-    from robustopt.timescaling.reachability import passes
+    from robustopt.solvers.reachability import passes
 
     ends = np.diff(rows.piece, prepend=-1, append=rows.piece[-1] + 1) != 0
     x_max = np.where(ends[:-1] | ends[1:], 0.0, rows.x_max)

@@ -15,12 +15,12 @@ from matplotlib.ticker import EngFormatter
 from reproduce import run_alone
 from timing import interleaved, machine_facts
 
+from robustopt.limits import build_rows
 from robustopt.path import build_path
 from robustopt.plotting import style
-from robustopt.problem import build_rows
 from robustopt.robot import load_robot
+from robustopt.solvers import solve
 from robustopt.tables import Column, Table, write_table
-from robustopt.timescaling import solve
 
 PAPER_FIGURE_3 = {200: 10.0, 2000: 40.0}
 """Seconds by N, read off the paper's figure 3: about 10 s, and over 40 s."""

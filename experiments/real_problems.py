@@ -17,12 +17,12 @@ from several import Problem
 from table_3 import WAITER
 from table_4 import FRICTIONS, WITH_ERROR
 
-from robustopt.batch import BatchPlanner
 from robustopt.config import dump
 from robustopt.learning.learner import Belief
 from robustopt.learning.parameters import Array, values
 from robustopt.runs.beliefs import Planner, learned_from
 from robustopt.runs.executors import Simulated
+from robustopt.solvers.batch import BatchPlanner
 
 STILL = "execution.disturbance.force_deviation=[0, 0, 0]"
 

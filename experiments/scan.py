@@ -12,16 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 from learned import Bench
 
-from robustopt.batch import BatchPlanner
 from robustopt.confidence import upper_bound
 from robustopt.config import Config
-from robustopt.execution.monte_carlo import CHUNK
 from robustopt.learning.learner import Belief
 from robustopt.learning.moments import ErrorInterval
 from robustopt.runs.beliefs import Planner, learned_from
 from robustopt.runs.executors import Simulated
 from robustopt.runs.journal import Journal
 from robustopt.runs.store import JOURNAL
+from robustopt.simulation.monte_carlo import CHUNK
+from robustopt.solvers.batch import BatchPlanner
 
 FRESH = 2_000_000_000
 """Number of the first trial: others than those that learned plans are judged by."""

@@ -16,12 +16,12 @@ from pathlib import Path
 from learned import Bench
 
 from robustopt.config import load_config
+from robustopt.limits import TimeScalingProblem, build_rows
 from robustopt.path import build_path
-from robustopt.problem import TimeScalingProblem, build_rows
 from robustopt.robot import load_robot
+from robustopt.solvers import Plan, Status, solve
+from robustopt.solvers.trajectory import binding_shares
 from robustopt.tables import Column, Table, write_table
-from robustopt.timescaling import Plan, Status, solve
-from robustopt.trajectory import binding_shares
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / "configs" / "waiter_two_blocks.yaml"

@@ -16,14 +16,14 @@ import numpy as np
 
 from robustopt.config import Config, with_values
 from robustopt.config.geometry import Patch, convex_hull, patches, placements, rotation
-from robustopt.contact import about_point, patch_facets
-from robustopt.problem import TimeScalingProblem
-from robustopt.problem.polygons import Family, facet_family
-from robustopt.problem.rows import PathMotion, TorqueFamily, evaluate
-from robustopt.problem.uncertainty import INERTIA_TERMS, acceleration_error, bodies, contact_shift, friction
-from robustopt.timescaling import Plan, Status
-from robustopt.timescaling.plan import interval_ends
-from robustopt.timescaling.reachability import solve_reachability
+from robustopt.limits import TimeScalingProblem
+from robustopt.limits.contact import about_point, patch_facets
+from robustopt.limits.polygons import Family, facet_family
+from robustopt.limits.rows import PathMotion, TorqueFamily, evaluate
+from robustopt.limits.uncertainty import INERTIA_TERMS, acceleration_error, bodies, contact_shift, friction
+from robustopt.solvers import Plan, Status
+from robustopt.solvers.plan import interval_ends
+from robustopt.solvers.reachability import solve_reachability
 
 Array = np.ndarray
 

@@ -237,8 +237,8 @@ def write_execution_figures(result: ExecutionResult, folder: Path, figures: bool
     """Draw and film the first trial that succeeded beside the first that failed, or what there is of them."""
     if not (figures or video):
         return
-    from robustopt.execution.trace import trace
     from robustopt.plotting import write_execution_figures as write
+    from robustopt.simulation.trace import trace
 
     executions = result.executions
     ended = [outcome for outcome in executions.outcomes if outcome.error_steps]
@@ -249,7 +249,7 @@ def write_execution_figures(result: ExecutionResult, folder: Path, figures: bool
         if outcome is not None
     ]
     if traces and video:
-        from robustopt.execution.video import film, write_film
+        from robustopt.simulation.video import film, write_film
 
         write_film(film(result.config, result.plan, traces, executions.seed), folder / "figures")
     if traces and figures:

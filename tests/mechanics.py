@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from robustopt.config import Config
 from robustopt.config.geometry import placements
-from robustopt.problem import TimeScalingProblem
+from robustopt.limits import TimeScalingProblem
 
 STEP = 2e-4
 """Time step of the finite differences [s]: errors of 1e-7 of the accelerations met here."""

@@ -15,7 +15,7 @@ from toppra.algorithm import TOPPRA
 from toppra.constraint import DiscretizationType, LinearConstraint
 from toppra.constraint.linear_constraint import canlinear_colloc_to_interpolate
 
-from robustopt.problem import TimeScalingProblem
+from robustopt.limits import TimeScalingProblem
 
 logging.getLogger("toppra").setLevel(logging.ERROR)
 

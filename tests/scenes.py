@@ -9,8 +9,8 @@ import numpy as np
 
 from robustopt.config import Config, load_config, with_values
 from robustopt.config import Config as Model
-from robustopt.problem import TimeScalingProblem, build_problem
-from robustopt.timescaling import Plan, Status, solve
+from robustopt.limits import TimeScalingProblem, build_problem
+from robustopt.solvers import Plan, Status, solve
 
 FIXTURES = Path(__file__).parent / "fixtures"
 CONFIGS = Path(__file__).parents[1] / "configs"

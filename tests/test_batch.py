@@ -12,12 +12,12 @@ import pytest
 
 import robustopt as ro
 from robustopt import batch
-from robustopt.batch import BatchPlanner, with_beliefs
 from robustopt.config import Config, load_config, with_values
 from robustopt.errors import ConfigError, SolverFailed
-from robustopt.problem import build_problem
+from robustopt.limits import build_problem
 from robustopt.processes import end_processes, in_processes
-from robustopt.timescaling import Plan, Status, solve
+from robustopt.solvers import Plan, Status, solve
+from robustopt.solvers.batch import BatchPlanner, with_beliefs
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 HEIGHT, DEVIATION = "objects.upper.center_of_mass.2", "uncertainty.joint_acceleration.deviation"
@@ -181,6 +181,6 @@ def test_a_solver_that_stops_is_no_missing_plan(monkeypatch: pytest.MonkeyPatch)
     def stopped(problem: Any, method: str) -> Plan:
         return replace(solve(problem, method), status=Status.ITERATION_LIMIT, message="too long", duration=np.inf)
 
-    monkeypatch.setattr("robustopt.batch.solve", stopped)
+    monkeypatch.setattr("robustopt.solvers.batch.solve", stopped)
     with pytest.raises(SolverFailed, match=r"no plan for contact\.friction = 0\.3: too long"):
         BatchPlanner(config_of("waiter_two_blocks")).durations([{"contact.friction": 0.3}])

@@ -18,7 +18,7 @@ from robustopt.runs.campaign import Judgement, Learned, learn, replayed
 from robustopt.runs.executors import JUDGED, Simulated
 from robustopt.runs.journal import Execution, Journal
 from robustopt.runs.learning_run import result_of
-from robustopt.timescaling import Status
+from robustopt.solvers import Status
 
 
 @pytest.fixture(autouse=True)

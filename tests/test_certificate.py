@@ -25,7 +25,7 @@ from robustopt.config import Config
 from robustopt.errors import SolverFailed
 from robustopt.robot import load_robot
 from robustopt.robot.model_file import TRAY_SITE
-from robustopt.timescaling import Plan
+from robustopt.solvers import Plan
 
 G = 9.81
 LOW = {"shape": "box", "size": [0.2, 0.2, 0.04], "mass": 0.5}
@@ -608,8 +608,8 @@ ALL_KINDS = [
 
 @pytest.fixture(scope="module")
 def robust() -> tuple[Config, Plan]:
-    from robustopt.problem import build_problem
-    from robustopt.timescaling import solve as solve_plan
+    from robustopt.limits import build_problem
+    from robustopt.solvers import solve as solve_plan
 
     config = waiter("two_blocks", "solver.method=reachability", "solver.collocation_points=60", *ALL_KINDS)
     return config, solve_plan(build_problem(config))
@@ -641,8 +641,8 @@ def test_utilisation_grows_with_the_square_of_the_speed(robust: tuple[Config, Pl
 
 
 def test_a_plan_for_exact_values_fails_when_they_are_uncertain(robust: tuple[Config, Plan]) -> None:
-    from robustopt.problem import build_problem
-    from robustopt.timescaling import solve as solve_plan
+    from robustopt.limits import build_problem
+    from robustopt.solvers import solve as solve_plan
 
     risky = waiter("two_blocks", "solver.method=reachability", "solver.collocation_points=60", "contact.friction=0.4")
     certificate = certify(robust[0], solve_plan(build_problem(risky)))

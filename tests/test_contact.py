@@ -14,7 +14,8 @@ from scenes import G, bang_bang, plan_of, scene, waiter
 from scipy.optimize import linprog
 
 from robustopt.config.geometry import erode, rectangle, regular_polygon, rotation
-from robustopt.contact import (
+from robustopt.limits import build_problem
+from robustopt.limits.contact import (
     ContactSystem,
     about_point,
     carried,
@@ -24,10 +25,9 @@ from robustopt.contact import (
     skew,
     wrench_generators,
 )
-from robustopt.problem import build_problem
-from robustopt.problem.rows import evaluate
-from robustopt.timescaling.inner_lp import ForceProgram, missing_rows
-from robustopt.timescaling.plan import interval_ends
+from robustopt.limits.rows import evaluate
+from robustopt.solvers.inner_lp import ForceProgram, missing_rows
+from robustopt.solvers.plan import interval_ends
 
 SQUARE = rectangle(np.zeros(2), np.array([0.1, 0.1]))
 PATCHES = {
@@ -427,7 +427,7 @@ def test_facets_and_inner_programs_lead_to_the_same_plan(
     config = waiter(name, "solver.collocation_points=40", "contact.friction=0.4", uncertain)
     by_facets = plan_of(config, "reachability")
     assert all(family.system.facets is not None for family in by_facets.problem.limits.contacts)
-    monkeypatch.setattr("robustopt.contact.MOST_GENERATORS", 0)
+    monkeypatch.setattr("robustopt.limits.contact.MOST_GENERATORS", 0)
     by_programs = plan_of(config, method)
     assert all(family.system.facets is None for family in by_programs.problem.limits.contacts)
     assert by_programs.statistics["inner_programs"] > 0
@@ -478,7 +478,7 @@ def test_no_facet_is_overlooked_where_another_dual_and_its_worst_parameters_agre
     config = waiter("side_by_side", "solver.collocation_points=40", "contact.friction=0.305", WIDE)
     families = build_problem(config).limits.contacts
     if not with_facets:
-        monkeypatch.setattr("robustopt.contact.MOST_GENERATORS", 0)
+        monkeypatch.setattr("robustopt.limits.contact.MOST_GENERATORS", 0)
     plan = plan_of(config, "ipopt")
     u, x, points = interval_ends(plan.problem, plan.x, plan.u)
     none, no_terms = np.zeros((0, 0, 3)), np.zeros((0, 0, 0))

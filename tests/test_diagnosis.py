@@ -9,9 +9,9 @@ import pytest
 from scenes import FLAT, WAITERS, G, plan_of, scene, waiter
 
 from robustopt.config import Config, with_values
-from robustopt.diagnosis import Diagnosis, Remedy, diagnose
-from robustopt.problem import build_problem
-from robustopt.timescaling import Status, solve
+from robustopt.limits import build_problem
+from robustopt.solvers import Status, solve
+from robustopt.solvers.diagnosis import Diagnosis, Remedy, diagnose
 
 TALL = {"shape": "box", "size": [0.06, 0.2, 0.30], "mass": 1.0}
 STEP = 0.005

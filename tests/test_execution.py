@@ -16,8 +16,10 @@ from robustopt import processes
 from robustopt.confidence import clopper_pearson
 from robustopt.config import DisturbanceConfig, ExecutionConfig, TruthConfig, with_values
 from robustopt.errors import ConfigError, ProblemInfeasible, SimulationFailed
-from robustopt.execution import Status, Workers, execute, monte_carlo
-from robustopt.execution.controller import (
+from robustopt.learning.moments import Moments
+from robustopt.processes import cores
+from robustopt.simulation import Status, Workers, execute, monte_carlo
+from robustopt.simulation.controller import (
     BANDWIDTH,
     POSITION_VELOCITY,
     STABILITY,
@@ -28,18 +30,16 @@ from robustopt.execution.controller import (
     reference,
     require_stable,
 )
-from robustopt.execution.disturbance import FORCE, WORLD, forces, generator
-from robustopt.execution.execute import Executions
-from robustopt.execution.feedback import acceleration_error, feedback_of, with_errors
-from robustopt.execution.monte_carlo import Job, is_random, run_all, run_trials, share_cores, simulate_trials
-from robustopt.execution.outcome import TrialOutcome
-from robustopt.execution.scene import SceneBuilder
-from robustopt.execution.simulation import Workspace
-from robustopt.execution.trace import trace
-from robustopt.execution.truth import believed_world, true_world, varies
-from robustopt.learning.moments import Moments
-from robustopt.processes import cores
-from robustopt.trajectory import Trajectory
+from robustopt.simulation.disturbance import FORCE, WORLD, forces, generator
+from robustopt.simulation.execute import Executions
+from robustopt.simulation.feedback import acceleration_error, feedback_of, with_errors
+from robustopt.simulation.monte_carlo import Job, is_random, run_all, run_trials, share_cores, simulate_trials
+from robustopt.simulation.outcome import TrialOutcome
+from robustopt.simulation.scene import SceneBuilder
+from robustopt.simulation.simulation import Workspace
+from robustopt.simulation.trace import trace
+from robustopt.simulation.truth import believed_world, true_world, varies
+from robustopt.solvers.trajectory import Trajectory
 
 CAN = {"shape": "cylinder", "radius": 0.05, "height": 0.1, "mass": 0.3, "at": [0.0, 0.2]}
 FOLLOW = {"controller": {"feedforward": "computed_torque"}}
@@ -697,7 +697,7 @@ def test_keys_that_do_not_fit_the_robot_are_refused(execution, message):
 
 
 def test_a_motion_of_too_many_time_steps_is_refused(monkeypatch):
-    monkeypatch.setattr(sys.modules["robustopt.execution.execute"], "MOST_STEPS", 1000)
+    monkeypatch.setattr(sys.modules["robustopt.simulation.execute"], "MOST_STEPS", 1000)
     config, plan = on_a_slide(FLAT, 0.5)
     with pytest.raises(
         ConfigError, match=r"the motion of 1 s takes \d,\d+ steps; expected at most 1,000 steps"

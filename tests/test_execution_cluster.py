@@ -11,8 +11,8 @@ from scenes import FIXTURES, FLAT, scene
 
 from robustopt import cli, commands
 from robustopt.config import dump
-from robustopt.execution import monte_carlo
 from robustopt.runs.store import read_summary
+from robustopt.simulation import monte_carlo
 
 
 @pytest.fixture

@@ -16,13 +16,13 @@ from scenes import CONFIGS
 
 from robustopt import cli
 from robustopt.config import load_config
-from robustopt.execution import execute
-from robustopt.execution.video import HEIGHT, STRIP, WIDTH, write_film
 from robustopt.robot.model_file import resolve_package
 from robustopt.runs import execution_run
 from robustopt.runs.execution_run import read_plan
 from robustopt.runs.store import read_summary
-from robustopt.timescaling import solve
+from robustopt.simulation import execute
+from robustopt.simulation.video import HEIGHT, STRIP, WIDTH, write_film
+from robustopt.solvers import solve
 
 SHIPPED = sorted(CONFIGS.glob("*.yaml"))
 WAITER = CONFIGS / "waiter_one_block.yaml"
@@ -214,7 +214,7 @@ def test_a_stored_plan_and_its_task_have_the_same_executions(run, tmp_path, stor
 
 
 def test_more_workers_and_a_run_of_a_run_change_no_byte(run, tmp_path, stored, monkeypatch):
-    from robustopt.execution import monte_carlo
+    from robustopt.simulation import monte_carlo
 
     monkeypatch.setattr(monte_carlo, "cores", lambda: 2)
     assert run("execute", stored, "--out", "a", "--quiet")[0] == 0

@@ -7,8 +7,8 @@ from scenes import BOX, FLAT, G, plan_of, scene, waiter
 from scipy.signal import butter, filtfilt
 
 from robustopt.config import Config, ExecutionConfig
-from robustopt.execution import execute
-from robustopt.execution.controller import (
+from robustopt.simulation import execute
+from robustopt.simulation.controller import (
     POSITION_VELOCITY,
     Gains,
     Reference,
@@ -17,13 +17,13 @@ from robustopt.execution.controller import (
     gains_of,
     reference,
 )
-from robustopt.execution.monte_carlo import Job, simulate_trials
-from robustopt.execution.outcome import object_motion
-from robustopt.execution.scene import SceneBuilder
-from robustopt.execution.simulation import Workspace
-from robustopt.execution.truth import believed_world
-from robustopt.timescaling import Plan
-from robustopt.trajectory import Trajectory
+from robustopt.simulation.monte_carlo import Job, simulate_trials
+from robustopt.simulation.outcome import object_motion
+from robustopt.simulation.scene import SceneBuilder
+from robustopt.simulation.simulation import Workspace
+from robustopt.simulation.truth import believed_world
+from robustopt.solvers import Plan
+from robustopt.solvers.trajectory import Trajectory
 
 STIFF = Gains(kp=np.array([1e5]), ki=np.zeros(1), kd=np.array([1e3]), inputs=POSITION_VELOCITY)
 FAILURE = ExecutionConfig().failure

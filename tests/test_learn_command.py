@@ -20,11 +20,11 @@ from rich.console import Console
 from robustopt import report, terminal
 from robustopt.config import dump, load_config
 from robustopt.errors import RunFolderError, SolverFailed
-from robustopt.execution import Status
 from robustopt.interruption import interruptions, on_interrupt
 from robustopt.runs import beliefs, executors, learning_run, learning_table
 from robustopt.runs.journal import Journal
 from robustopt.runs.store import JOURNAL, read_summary
+from robustopt.simulation import Status
 
 TABLES = ("iterations.csv", "executions.csv", "plan.csv")
 

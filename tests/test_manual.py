@@ -18,7 +18,7 @@ from robustopt.runs.beliefs import Planner
 from robustopt.runs.journal import Journal
 from robustopt.runs.manual import NEXT, Manual, errors_of_log
 from robustopt.runs.store import read_summary
-from robustopt.trajectory import Trajectory
+from robustopt.solvers.trajectory import Trajectory
 
 TABLE_1 = "n\n\nn\n\nn\n\ny\n\nn\n\n"
 """Failures at 1, 0.5 and 0.25, success at 0.125, failure of the same path 5 % faster; no logs."""

@@ -8,7 +8,7 @@ from scenes import BOX, FLAT, G, bang_bang, duration, plan_of, scene
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from robustopt.timescaling import Status
+from robustopt.solvers import Status
 
 TALL = {"shape": "box", "size": [0.06, 0.2, 0.30], "mass": 1.0}
 """An object that tips long before it slips: 30 mm from its edge, 150 mm high."""

@@ -17,13 +17,13 @@ from scipy.optimize import linprog
 
 from robustopt.certificate import certify
 from robustopt.config import AccelerationError, load_config
+from robustopt.limits import build_problem
 from robustopt.plotting import contacts_figure, figures, house_style, phase_plane, shares_figure, write_figures
 from robustopt.plotting.joints import joint_figures, joint_quantities
 from robustopt.plotting.style import LIMIT_COLOURS, OTHER, limit_colours, percent
 from robustopt.plotting.velocity_limit import largest_x, velocity_limits
-from robustopt.problem import build_problem
-from robustopt.timescaling import solve
-from robustopt.trajectory import NO_LIMIT, Trajectory, binding_shares
+from robustopt.solvers import solve
+from robustopt.solvers.trajectory import NO_LIMIT, Trajectory, binding_shares
 
 
 class WavePath:

@@ -17,9 +17,9 @@ from hypothesis import strategies as st
 from scenes import waiter
 
 from robustopt.config.geometry import patches
-from robustopt.contact import patch_facets
-from robustopt.problem import TimeScalingProblem, build_problem
-from robustopt.problem.polygons import (
+from robustopt.limits import TimeScalingProblem, build_problem
+from robustopt.limits.contact import patch_facets
+from robustopt.limits.polygons import (
     MAX_VERTICES,
     NO_NAME,
     ROOM,
@@ -32,8 +32,8 @@ from robustopt.problem.polygons import (
     facet_family,
     start,
 )
-from robustopt.problem.rows import evaluate
-from robustopt.problem.uncertainty import friction
+from robustopt.limits.rows import evaluate
+from robustopt.limits.uncertainty import friction
 
 EXPERIMENTS = Path(__file__).parents[1] / "experiments"
 KINDS = ("friction", "joint_acceleration", "contact_points", "center_of_mass", "mass")

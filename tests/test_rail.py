@@ -12,21 +12,21 @@ import pytest
 from scipy.optimize import linprog
 from walkers import believing, walker_of
 
-from robustopt.batch import BatchPlanner, with_beliefs
 from robustopt.certificate import certify
 from robustopt.config import Config, load_config, with_values
 from robustopt.config.geometry import common_direction, contact_axes
-from robustopt.contact_forces import planned_forces
 from robustopt.errors import ConfigError, PathError, RobotError
-from robustopt.execution import Status, execute
-from robustopt.execution.execute import prepare
-from robustopt.execution.trace import trace
+from robustopt.limits import TimeScalingProblem, build_problem
+from robustopt.limits.walking import StandingTorque
 from robustopt.path.walking_path import WalkingPath
 from robustopt.plotting import figures, house_style, write_execution_figures
-from robustopt.problem import TimeScalingProblem, build_problem
-from robustopt.problem.walking import StandingTorque
 from robustopt.robot.model_file import MODELS
-from robustopt.timescaling import Plan, solve
+from robustopt.simulation import Status, execute
+from robustopt.simulation.execute import prepare
+from robustopt.simulation.trace import trace
+from robustopt.solvers import Plan, solve
+from robustopt.solvers.batch import BatchPlanner, with_beliefs
+from robustopt.solvers.contact_forces import planned_forces
 
 CONFIGS = Path(__file__).parent.parent / "configs"
 CONFIG = CONFIGS / "humanoid_rail.yaml"

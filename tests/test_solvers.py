@@ -14,11 +14,11 @@ from reference_solvers import copp_duration, shortest_possible, toppra_duration
 from scenes import BOX, FLAT, WAITERS, bang_bang, duration, plan_of, residual, scene, waiter
 
 from robustopt.config import Config, with_values
-from robustopt.problem import TimeScalingProblem, build_problem
-from robustopt.problem.rows import evaluate
-from robustopt.timescaling import Plan, Status, solve
-from robustopt.timescaling.plan import duration_of, interval_ends, timing
-from robustopt.timescaling.reachability import passes, solve_reachability
+from robustopt.limits import TimeScalingProblem, build_problem
+from robustopt.limits.rows import evaluate
+from robustopt.solvers import Plan, Status, solve
+from robustopt.solvers.plan import duration_of, interval_ends, timing
+from robustopt.solvers.reachability import passes, solve_reachability
 
 METHODS = ("reachability", "ipopt")
 AGREEMENT = 1e-4

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from robustopt.errors import ConfigError, ProblemInfeasible, SolverFailed
-from robustopt.trajectory import (
+from robustopt.solvers.trajectory import (
     Trajectory,
     binding_shares,
     interval_durations,

@@ -12,9 +12,9 @@ import pytest
 from scenes import BOX, FLAT, scene, waiter
 from scipy.spatial.transform import Rotation
 
-from robustopt.problem import TimeScalingProblem, build_problem
-from robustopt.problem.rows import evaluate, worst_wrench
-from robustopt.problem.uncertainty import (
+from robustopt.limits import TimeScalingProblem, build_problem
+from robustopt.limits.rows import evaluate, worst_wrench
+from robustopt.limits.uncertainty import (
     INERTIA_TERMS,
     acceleration_error,
     bodies,

@@ -13,29 +13,29 @@ import pytest
 
 from robustopt.cli import run
 from robustopt.config import Config, load_config, with_values
-from robustopt.contact_forces import planned_forces
 from robustopt.errors import ConfigError
-from robustopt.execution import Status, execute, monte_carlo
-from robustopt.execution.controller import Gains, Reference, gains_of
-from robustopt.execution.execute import faster, prepare
-from robustopt.execution.footing import LANDING, MeasuredContact, stands, turning
-from robustopt.execution.monte_carlo import Job, run_trials, simulate_trials
-from robustopt.execution.outcome import TrialOutcome
-from robustopt.execution.simulation import Workspace
-from robustopt.execution.trace import trace
-from robustopt.execution.truth import TrueBody, World
-from robustopt.execution.video import HEIGHT, WIDTH
-from robustopt.execution.walker_scene import WalkerScene
 from robustopt.learning.learner import Belief
 from robustopt.learning.moments import ErrorInterval
+from robustopt.limits import build_problem
 from robustopt.path.footsteps import footsteps
-from robustopt.problem import build_problem
 from robustopt.robot.model_file import MODELS
 from robustopt.robot.walker import Walker
 from robustopt.runs.beliefs import believing
 from robustopt.runs.campaign import learn
-from robustopt.timescaling import Plan, solve
-from robustopt.trajectory import Trajectory
+from robustopt.simulation import Status, execute, monte_carlo
+from robustopt.simulation.controller import Gains, Reference, gains_of
+from robustopt.simulation.execute import faster, prepare
+from robustopt.simulation.footing import LANDING, MeasuredContact, stands, turning
+from robustopt.simulation.monte_carlo import Job, run_trials, simulate_trials
+from robustopt.simulation.outcome import TrialOutcome
+from robustopt.simulation.simulation import Workspace
+from robustopt.simulation.trace import trace
+from robustopt.simulation.truth import TrueBody, World
+from robustopt.simulation.video import HEIGHT, WIDTH
+from robustopt.simulation.walker_scene import WalkerScene
+from robustopt.solvers import Plan, solve
+from robustopt.solvers.contact_forces import planned_forces
+from robustopt.solvers.trajectory import Trajectory
 
 CONFIG = Path(__file__).parent.parent / "configs" / "humanoid_step.yaml"
 N = 33

@@ -14,26 +14,26 @@ import pytest
 from scipy.optimize import linprog
 from walkers import believing, walker_of
 
-from robustopt.batch import BatchPlanner, with_beliefs
 from robustopt.certificate import certify
 from robustopt.cli import run
 from robustopt.config import Config, load_config, with_values
-from robustopt.contact_forces import planned_forces
 from robustopt.errors import ConfigError, PathError, RobotError
 from robustopt.learning.learner import Belief
+from robustopt.limits import TimeScalingProblem, build_problem
+from robustopt.limits.rows import evaluate
+from robustopt.limits.walking import StandingTorque
 from robustopt.path.footsteps import footsteps
 from robustopt.path.walking_path import WalkingPath
 from robustopt.plotting import figures, house_style
-from robustopt.problem import TimeScalingProblem, build_problem
-from robustopt.problem.rows import evaluate
-from robustopt.problem.walking import StandingTorque
 from robustopt.robot.model_file import MODELS
 from robustopt.runs.beliefs import Planner
 from robustopt.runs.beliefs import believing as believing_config
-from robustopt.timescaling import Plan, Status, solve
-from robustopt.timescaling.plan import interval_ends
-from robustopt.timescaling.sharing import SharingSearch
-from robustopt.trajectory import Trajectory
+from robustopt.solvers import Plan, Status, solve
+from robustopt.solvers.batch import BatchPlanner, with_beliefs
+from robustopt.solvers.contact_forces import planned_forces
+from robustopt.solvers.plan import interval_ends
+from robustopt.solvers.sharing import SharingSearch
+from robustopt.solvers.trajectory import Trajectory
 
 CONFIG = Path(__file__).parent.parent / "configs" / "humanoid_step.yaml"
 BASE = 6

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from robustopt.config import with_values
-from robustopt.problem import TimeScalingProblem, build_rows
+from robustopt.limits import TimeScalingProblem, build_rows
 from robustopt.robot.walker import Walker
 
 

@@ -25,7 +25,7 @@ from robustopt.config import Config
 from robustopt.errors import SolverFailed
 
 if TYPE_CHECKING:
-    from robustopt.timescaling import Plan
+    from robustopt.solvers import Plan
 
 GRID_TOLERANCE = 1e-6
 """Violation on the grid that is forgiven, as a share of the limit: solvers meet their rows to about 1e-8, and the gauge

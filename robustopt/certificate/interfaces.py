@@ -15,7 +15,7 @@ from robustopt.certificate.scene import Scene, System, build_scene
 from robustopt.config import Config
 
 if TYPE_CHECKING:
-    from robustopt.timescaling import Plan
+    from robustopt.solvers import Plan
 
 
 def interface_utilisation(config: Config, plan: Plan) -> tuple[Array, dict[str, tuple[Array, Array]]]:

@@ -17,7 +17,7 @@ from robustopt.certificate.contact_points import Array, Flags, Indices
 from robustopt.robot import JointLimits, Robot
 
 if TYPE_CHECKING:
-    from robustopt.timescaling import Plan
+    from robustopt.solvers import Plan
 
 
 @dataclass(frozen=True, eq=False)

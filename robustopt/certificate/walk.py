@@ -19,7 +19,7 @@ from robustopt.path.walking_path import WalkingPath
 from robustopt.robot.walker import Walker
 
 if TYPE_CHECKING:
-    from robustopt.timescaling import Plan
+    from robustopt.solvers import Plan
 
 LENGTH = 0.1
 """Unit of length of the force programs [m]: about half a foot."""

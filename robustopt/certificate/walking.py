@@ -35,7 +35,7 @@ from robustopt.config import Config
 from robustopt.path.footsteps import Place
 
 if TYPE_CHECKING:
-    from robustopt.timescaling import Plan
+    from robustopt.solvers import Plan
 
 DRIFT = 1e-4
 """How far a point of a standing foot may be from its place on the path [m]: a tenth of what a robot is built to."""

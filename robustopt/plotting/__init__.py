@@ -20,14 +20,14 @@ from robustopt.plotting.learning import learning_figure
 from robustopt.plotting.phase_plane import phase_plane
 from robustopt.plotting.style import house_style, save
 from robustopt.plotting.velocity_limit import velocity_limits
-from robustopt.trajectory import binding_shares
+from robustopt.solvers.trajectory import binding_shares
 
 if TYPE_CHECKING:
     from robustopt.certificate import Certificate
     from robustopt.config import Config
-    from robustopt.execution.trace import Trace
     from robustopt.robot import Links
-    from robustopt.timescaling.plan import Plan
+    from robustopt.simulation.trace import Trace
+    from robustopt.solvers.plan import Plan
 
 __all__ = [
     "contacts_figure",

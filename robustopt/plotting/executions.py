@@ -9,9 +9,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from robustopt.execution.trace import Trace
 from robustopt.plotting.style import BLUE, CONTACT_COLOURS, GREY, INK, LIMIT_COLOURS, PALE, VERMILLION, joint_unit
 from robustopt.robot import Links
+from robustopt.simulation.trace import Trace
 
 SHOWN = 1.5
 """What exceeds this many times its threshold is cut off: an object on the floor says nothing more."""

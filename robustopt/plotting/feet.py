@@ -11,15 +11,15 @@ from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
 from robustopt.config import FEET
-from robustopt.contact_forces import ContactForces, planned_forces
+from robustopt.limits.uncertainty import friction
 from robustopt.path.walking_path import WalkingPath
 from robustopt.plotting.style import CONTACT_COLOURS, GREY, INK, PALE
-from robustopt.problem.uncertainty import friction
 from robustopt.robot.walker import Walker
+from robustopt.solvers.contact_forces import ContactForces, planned_forces
 
 if TYPE_CHECKING:
     from robustopt.config import Config
-    from robustopt.timescaling.plan import Plan
+    from robustopt.solvers.plan import Plan
 
 Array = NDArray[np.float64]
 

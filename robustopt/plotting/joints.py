@@ -13,13 +13,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from robustopt.contact_forces import planned_forces
+from robustopt.limits.uncertainty import acceleration_error
 from robustopt.plotting.style import BLUE, INK, VERMILLION, joint_unit
-from robustopt.problem.uncertainty import acceleration_error
-from robustopt.trajectory import Trajectory, joint_motion
+from robustopt.solvers.contact_forces import planned_forces
+from robustopt.solvers.trajectory import Trajectory, joint_motion
 
 if TYPE_CHECKING:
-    from robustopt.timescaling.plan import Plan
+    from robustopt.solvers.plan import Plan
 
 Array = NDArray[np.float64]
 JOINTS_PER_FIGURE = 7

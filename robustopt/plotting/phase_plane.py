@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from robustopt.plotting.style import GREY, INK, OTHER, PALE, VERMILLION, limit_colours, percent
 from robustopt.plotting.velocity_limit import velocity_limits
-from robustopt.trajectory import NO_LIMIT, binding_shares
+from robustopt.solvers.trajectory import NO_LIMIT, binding_shares
 
 if TYPE_CHECKING:
-    from robustopt.problem import TimeScalingProblem
-    from robustopt.timescaling.plan import Plan
+    from robustopt.limits import TimeScalingProblem
+    from robustopt.solvers.plan import Plan
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ import matplotlib.style
 import numpy as np
 from matplotlib.figure import Figure
 
-from robustopt.trajectory import NO_LIMIT
+from robustopt.solvers.trajectory import NO_LIMIT
 
 Array = np.ndarray
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from robustopt.problem import TimeScalingProblem
+    from robustopt.limits import TimeScalingProblem
 
 Array = NDArray[np.float64]
 

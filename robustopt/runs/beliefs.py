@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from robustopt.batch import with_beliefs
 from robustopt.certificate import certify
 from robustopt.config import BASE_COORDINATES as BASE
 from robustopt.config import Config, with_values
@@ -13,10 +12,11 @@ from robustopt.config.document import split_key
 from robustopt.errors import SolverFailed
 from robustopt.learning.learner import Belief
 from robustopt.learning.moments import ErrorInterval
-from robustopt.problem import rows_along, track_of
-from robustopt.problem.track import Track
+from robustopt.limits import rows_along, track_of
+from robustopt.limits.track import Track
 from robustopt.runs.experiment import PlanResult
-from robustopt.timescaling import Status, solve
+from robustopt.solvers import Status, solve
+from robustopt.solvers.batch import with_beliefs
 
 
 def believing(config: Config, belief: Belief) -> Config:

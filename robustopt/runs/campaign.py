@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from math import isfinite
 from typing import Any
 
-from robustopt.batch import BatchPlanner
 from robustopt.confidence import clopper_pearson
 from robustopt.config import Config, LearningConfig
 from robustopt.errors import ConfigError, RunFolderError
@@ -18,6 +17,7 @@ from robustopt.runs.beliefs import Planner, learned_from
 from robustopt.runs.executors import JUDGED, Executor, Simulated
 from robustopt.runs.experiment import PlanResult
 from robustopt.runs.journal import Journal
+from robustopt.solvers.batch import BatchPlanner
 
 SAME_PLAN = 1e-6
 """Relative difference in duration of a plan that is made again, at most."""

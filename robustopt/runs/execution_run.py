@@ -15,15 +15,15 @@ import numpy as np
 
 from robustopt.config import Config, load_config
 from robustopt.errors import ConfigError, RobotError, RunFolderError, SolverFailed
-from robustopt.execution import Executions, Workers, execute
-from robustopt.execution.outcome import ObjectOutcome, Status, TrialOutcome
-from robustopt.problem import build_problem
+from robustopt.limits import build_problem
 from robustopt.robot.model_file import model_file, model_hash
 from robustopt.runs.experiment import PLAN, PlanResult, summary, write_run
 from robustopt.runs.store import CONFIG, PROVENANCE, SUMMARY, plain_data, read_summary, write_json, write_origin
-from robustopt.timescaling import Plan
-from robustopt.timescaling.plan import solved_plan
-from robustopt.trajectory import Trajectory
+from robustopt.simulation import Executions, Workers, execute
+from robustopt.simulation.outcome import ObjectOutcome, Status, TrialOutcome
+from robustopt.solvers import Plan
+from robustopt.solvers.plan import solved_plan
+from robustopt.solvers.trajectory import Trajectory
 
 EXECUTIONS = "executions.csv"
 

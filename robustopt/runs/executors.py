@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from robustopt.config import Config
-from robustopt.execution import TrialOutcome, Workers, execute
-from robustopt.execution.monte_carlo import CHUNK, is_random
 from robustopt.learning.moments import Moments
 from robustopt.processes import cores
 from robustopt.runs.experiment import PlanResult
 from robustopt.runs.journal import Execution
+from robustopt.simulation import TrialOutcome, Workers, execute
+from robustopt.simulation.monte_carlo import CHUNK, is_random
 
 JUDGED = 1_000_000_000
 """Number of the first fresh execution: far from those of any learner, so that no plan is judged by what chose it.

@@ -18,7 +18,6 @@ from typing import Any
 
 from robustopt.config import Config, dump, load_config, resolved
 from robustopt.errors import RunFolderError
-from robustopt.execution.outcome import Status
 from robustopt.robot.model_file import model_file, model_hash
 from robustopt.runs.beliefs import Planner
 from robustopt.runs.campaign import Learned, made_again
@@ -41,6 +40,7 @@ from robustopt.runs.store import (
     write_json,
     write_origin,
 )
+from robustopt.simulation.outcome import Status
 
 ITERATIONS = "iterations.csv"
 

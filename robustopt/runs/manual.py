@@ -11,7 +11,7 @@ import numpy as np
 from robustopt.learning.moments import Moments
 from robustopt.runs.experiment import PlanResult
 from robustopt.runs.journal import Execution
-from robustopt.trajectory import Trajectory, write_trajectory_csv
+from robustopt.solvers.trajectory import Trajectory, write_trajectory_csv
 
 NEXT = "next_trajectory.csv"
 

@@ -1,0 +1,227 @@
+"""Feasible polygons: the exact set of (u, x) that every value of the uncertain parameters allows at a grid point.
+
+At one grid point each limit is a convex function of u = sdd and x = sd^2: the largest, over the box of the
+parameters, of rows that are affine in (u, x). The feasible set is therefore a convex polygon. It is found by
+cutting: start from a polygon, evaluate all rows at its vertices, cut with the row that is violated most there, and
+repeat until no vertex violates anything. Of several hundred facets of a friction cone only the few that bind near
+the polygon are ever made into rows, and the edges of the final polygon are exactly the rows that are not redundant.
+
+A row family is, for B (F, d) and a load W that is affine in (u, x),
+
+    value_f = base_f + sum_g scale_g(v_fg) v_fg,   v_fg = B_f W_g0 + sum_k |B_f W_gk| + sum_k |B_f| |R_gk|,
+
+where g runs over groups of bodies, scale_g(v) is the group's largest mass where v > 0 and its smallest elsewhere, the
+W_gk are exact interval terms and the R_gk bounded remainders (see `uncertainty`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from robustopt.compiled import compiled
+from robustopt.errors import SolverFailed
+from robustopt.limits.cutting import MAX_VERTICES, cut_family, cut_rows, family_values
+
+Array = np.ndarray
+
+ROOM = 16
+"""Vertices that stored polygons have room for at first; waiter tasks need fewer. They get as much as they need."""
+
+EDGE_LENGTH = 1e-9
+"""Edges of a feasible polygon shorter than this part of the polygon are rounding errors, not rows."""
+
+NO_NAME = -1
+"""Name index of the edges x >= 0 and of the bounds that a polygon starts from."""
+
+
+class Polygons(NamedTuple):
+    """One polygon per grid point: vertices (u, x) counter-clockwise, and the row of the edge that starts at each.
+
+    vertices: (P, V, 2); rows: (P, V, 3), a u + b x + c <= 0; names: (P, V); sizes: (P,), the number of vertices, 0
+    where nothing is feasible. Cutting leaves them as they are and returns new ones.
+    """
+
+    vertices: Array
+    rows: Array
+    names: Array
+    sizes: Array
+
+
+class Loads(NamedTuple):
+    """What the rows of a family multiply, in groups whose mass has one interval each.
+
+    nominal: W_g0, coefficients of (u, x, 1) last, shape (P, d, G, 3)
+    terms: interval terms W_gk, shape (P, d, n, 3); group: (n,)
+    constant: interval terms that depend on neither u nor x, shape (P, d, n_c); constant_group: (n_c,)
+    remainder: R_gk, shape (P, d, n_r, 3); remainder_group: (n_r,)
+    lowest, highest: mass factors of the groups, (G,)
+    """
+
+    nominal: Array
+    terms: Array
+    group: Array
+    constant: Array
+    constant_group: Array
+    remainder: Array
+    remainder_group: Array
+    lowest: Array
+    highest: Array
+
+    def middle(self) -> Array:
+        """The load with every parameter at the middle of its interval: coefficients of (u, x, 1), shape (P, d, 3)."""
+        middle: Array = np.einsum("pdgk,g->pdk", self.nominal, 0.5 * (self.lowest + self.highest))
+        return middle
+
+    def at(self, points: Array | slice) -> Loads:
+        """The loads at some of the grid points."""
+        over_points = ("nominal", "terms", "constant", "remainder")
+        return self._replace(**{name: getattr(self, name)[points] for name in over_points})
+
+
+class Family(NamedTuple):
+    """Rows over loads: see the head of the module.
+
+    B: (1, F, d), or (P, F, d) where the rows differ from point to point, d = 6 per stacked wrench; loads: what they
+        multiply
+    base: affine part of a row by itself, (P, F, 3), or (0, 0, 3) for none
+    base_terms: what each constant interval term of the loads adds to a row by itself, (P, F, n_c), or (0, 0, 0)
+    names: index of each row's name, (F,)
+    """
+
+    B: Array
+    loads: Loads
+    base: Array
+    base_terms: Array
+    names: Array
+
+
+def facet_family(facets: Array, loads: Loads, names: Array) -> Family:
+    """The family of rows facets (F, d) that are the same at every grid point and have no part of their own."""
+    return Family(np.ascontiguousarray(facets)[None], loads, np.zeros((0, 0, 3)), np.zeros((0, 0, 0)), names)
+
+
+def start(u_bound: Array, x_max: Array, velocity_name: Array) -> Polygons:
+    """Rectangles |u| <= u_bound, 0 <= x <= x_max, both (P,)."""
+    points = len(x_max)
+    polygons = _empty(points, 4)
+    vertices, rows, names = polygons.vertices, polygons.rows, polygons.names
+    vertices[:], rows[:], names[:] = 0.0, 0.0, NO_NAME
+    vertices[:, 0, 0] = vertices[:, 3, 0] = -u_bound
+    vertices[:, 1, 0] = vertices[:, 2, 0] = u_bound
+    vertices[:, 2, 1] = vertices[:, 3, 1] = x_max
+    rows[:, 0, 1] = -1.0
+    rows[:, 1, 0], rows[:, 1, 2] = 1.0, -u_bound
+    rows[:, 2, 1], rows[:, 2, 2] = 1.0, -x_max
+    rows[:, 3, 0], rows[:, 3, 2] = -1.0, -u_bound
+    names[:, 2] = velocity_name
+    polygons.sizes[:] = 4
+    return polygons
+
+
+def _empty(points: int, room: int) -> Polygons:
+    """Polygons that have no vertices yet; what is beyond the vertices of a polygon means nothing."""
+    vertices, rows = np.empty((points, room, 2)), np.empty((points, room, 3))
+    return Polygons(vertices, rows, np.empty((points, room), dtype=np.int64), np.zeros(points, dtype=np.int64))
+
+
+def cut(polygons: Polygons, family: Family) -> Polygons:
+    """Polygons cut with a family of rows. Raises SolverFailed where one would have more than MAX_VERTICES edges."""
+    return _stored(cut_family, polygons, family) if len(family.names) else polygons
+
+
+def cut_part(polygons: Polygons, family: Family, first: int, last: int) -> Polygons:
+    """Polygons of which those at the grid points `first` to `last`, both included, are cut; all of them if `last` < 0.
+
+    The family is that of all grid points.
+    """
+    if last < 0 or not len(family.names):
+        return cut(polygons, family)
+    part = slice(first, last + 1)
+    inner = cut(Polygons(*(array[part] for array in polygons)), family._replace(loads=family.loads.at(part)))
+    result = _empty(len(polygons.sizes), max(polygons.names.shape[1], inner.names.shape[1]))
+    for array, before, after in zip(result, polygons, inner, strict=True):
+        if array.ndim > 1:
+            array[:, : before.shape[1]] = before
+            array[part, : after.shape[1]] = after
+        else:
+            array[:], array[part] = before, after
+    return result
+
+
+def cut_affine(polygons: Polygons, rows: Array, names: Array) -> Polygons:
+    """Polygons cut with rows a u + b x + c <= 0, shape (P, F, 3), of the names (F,)."""
+    return _stored(cut_rows, polygons, (np.ascontiguousarray(rows), names)) if len(names) else polygons
+
+
+def evaluate(family: Family, points: Array, u: Array, x: Array) -> Array:
+    """Values of a family at (u, x), (M,) each, at grid points (M,) with every parameter at its worst, (M, F)."""
+    values = np.zeros((len(points), len(family.names)))
+    family_values(family, points, u, x, values)
+    return values
+
+
+def _stored(kernel: Callable[..., int], polygons: Polygons, limits: Family | tuple[Array, Array]) -> Polygons:
+    """What a kernel makes of the polygons, in as much room as the largest of them needs."""
+    room = max(ROOM, polygons.names.shape[1])
+    while True:
+        result = _empty(len(polygons.sizes), room)
+        largest = kernel(polygons, limits, result)
+        if largest > MAX_VERTICES:
+            raise SolverFailed(f"a feasible polygon at a grid point has more than {MAX_VERTICES} edges")
+        if largest <= room:
+            return result
+        room = largest
+
+
+def edge_rows(polygons: Polygons, joints: int, names: int) -> tuple[Array, Array]:
+    """Edges of the polygons as rows (P, m, 3), and the index of the name of each column (m,).
+
+    The columns of one name are as many as one grid point needs at most; columns that a point does not need hold
+    always. Names below `joints` are those of velocity bounds, which are no rows.
+    """
+    slots, width = _edge_slots(polygons.vertices, polygons.names, polygons.sizes, joints, names)
+    first = np.cumsum(width) - width
+    rows = np.zeros((len(polygons.sizes), width.sum(), 3))
+    rows[:, :, 2] = -1.0
+    _place(polygons.rows, polygons.names, polygons.sizes, slots, first, rows)
+    return rows, np.repeat(np.arange(names), width)
+
+
+@compiled()
+def _edge_slots(vertices, edge_names, count, joints, names):
+    """Number of each edge among the edges of its name at its grid point; -1 for what is no row, (P, V); and how many
+    edges of each name a grid point has at most (names,)."""
+    slots, width = np.full(edge_names.shape, -1), np.zeros(names, np.int64)
+    used = np.zeros(names, np.int64)
+    for i in range(len(count)):
+        used[:] = 0
+        n = count[i]
+        width_u, width_x = 0.0, 0.0
+        for k in range(n):
+            width_u = max(width_u, abs(vertices[i, k, 0] - vertices[i, 0, 0]))
+            width_x = max(width_x, abs(vertices[i, k, 1] - vertices[i, 0, 1]))
+        for k in range(n):
+            name = edge_names[i, k]
+            after = k + 1 if k + 1 < n else 0
+            du = abs(vertices[i, after, 0] - vertices[i, k, 0])
+            dx = abs(vertices[i, after, 1] - vertices[i, k, 1])
+            short = du <= EDGE_LENGTH * width_u and dx <= EDGE_LENGTH * width_x
+            if name < joints or (short and (width_u > 0.0 or width_x > 0.0)):  # of a single point all edges are rows
+                continue
+            slots[i, k] = used[name]
+            used[name] += 1
+            width[name] = max(width[name], used[name])
+    return slots, width
+
+
+@compiled()
+def _place(edges, edge_names, count, slots, first, rows):
+    """Put the edges that are rows into their columns."""
+    for i in range(len(count)):
+        for k in range(count[i]):
+            if slots[i, k] >= 0:
+                for j in range(3):
+                    rows[i, first[edge_names[i, k]] + slots[i, k], j] = edges[i, k, j]

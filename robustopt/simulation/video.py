@@ -1,0 +1,97 @@
+"""Pictures of trials: a film of several side by side, and a strip of frames. Needs no display."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from robustopt.config import Config
+from robustopt.errors import SimulationFailed
+from robustopt.simulation.disturbance import WORLD, generator
+from robustopt.simulation.execute import prepare
+from robustopt.simulation.scene import View
+from robustopt.simulation.trace import Trace
+from robustopt.simulation.truth import true_world
+from robustopt.solvers import Plan
+
+Image = NDArray[np.uint8]
+
+FRAMES_PER_SECOND = 30
+WIDTH, HEIGHT = 480, 360
+STRIP = 6
+"""Frames of a strip."""
+
+
+def film(config: Config, plan: Plan, traces: Sequence[Trace], seed: int | None = None) -> list[Image]:
+    """Frames of trials side by side, each (HEIGHT, WIDTH * len(traces), 3)."""
+    job = prepare(config, plan, seed)
+    scene = job.scene
+    columns = []
+    for trace in traces:
+        world = true_world(scene.believed, job.execution.truth, generator(job.seed, trace.outcome.trial, WORLD))
+        model = scene.model(world, sky=True)
+        columns.append(_frames(model, scene.view(scene.layout(model), trace.qpos), trace))
+    return [np.concatenate(row, axis=1) for row in zip(*columns, strict=True)]
+
+
+def write_film(frames: Sequence[Image], folder: Path) -> list[Path]:
+    """Write a film, MP4 where ffmpeg can, else animated WebP, and a strip of frames; returns the files."""
+    from PIL import Image as Picture
+
+    folder.mkdir(parents=True, exist_ok=True)
+    strip = folder / "trials_strip.png"
+    chosen = np.linspace(0, len(frames) - 1, STRIP).round().astype(int)
+    Picture.fromarray(np.concatenate([frames[k] for k in chosen], axis=0)).save(strip)
+    return [_write_mp4(frames, folder / "trials.mp4") or _write_webp(frames, folder / "trials.webp"), strip]
+
+
+def _write_mp4(frames: Sequence[Image], path: Path) -> Path | None:
+    """The film as MP4, None where there is no ffmpeg that can write one."""
+    ffmpeg = shutil.which("ffmpeg")
+    if ffmpeg is None:
+        return None
+    height, width, _ = frames[0].shape
+    source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(FRAMES_PER_SECOND), "-i", "-"]
+    command = [ffmpeg, "-y", "-loglevel", "error", *source, "-pix_fmt", "yuv420p", str(path)]
+    try:
+        subprocess.run(command, input=b"".join(frame.tobytes() for frame in frames), capture_output=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        path.unlink(missing_ok=True)
+        return None
+    return path
+
+
+def _write_webp(frames: Sequence[Image], path: Path) -> Path:
+    from PIL import Image as Picture
+
+    first, *others = [Picture.fromarray(frame) for frame in frames]
+    first.save(path, save_all=True, append_images=others, duration=round(1000 / FRAMES_PER_SECOND), loop=0, quality=70)
+    return path
+
+
+def _frames(model: mujoco.MjModel, view: View, trace: Trace) -> list[Image]:
+    model.vis.global_.offwidth, model.vis.global_.offheight = WIDTH, HEIGHT
+    model.vis.headlight.ambient[:] = 0.45
+    camera, data = mujoco.MjvCamera(), mujoco.MjData(model)
+    camera.lookat[:] = view.lookat
+    camera.distance, camera.azimuth, camera.elevation = view.distance, view.azimuth, view.elevation
+    every = max(1, round(1 / FRAMES_PER_SECOND / model.opt.timestep))
+    try:
+        renderer = mujoco.Renderer(model, HEIGHT, WIDTH)
+    except Exception as error:
+        message = f"No pictures can be drawn: {error}. Without a display, set MUJOCO_GL to egl or osmesa."
+        raise SimulationFailed(message) from error
+    frames = []
+    with renderer:
+        for qpos in trace.qpos[::every]:
+            data.qpos[:] = qpos
+            mujoco.mj_forward(model, data)
+            renderer.update_scene(data, camera)
+            frames.append(renderer.render().copy())
+    return frames

@@ -1,0 +1,6 @@
+"""Solvers: one contract, same optimum."""
+
+from robustopt.solvers.plan import Plan, Status
+from robustopt.solvers.solve import solve, standstill
+
+__all__ = ["Plan", "Status", "solve", "standstill"]

@@ -1,0 +1,192 @@
+"""Planned contact forces of a robot on its feet: how its contacts share the load, smoothly along the plan.
+
+The wrench that the motion needs is distributed over the contacts by `load_sharing`: both feet, and a hand on a rail. A
+foot that will lift or has landed fades out and in while both feet stand, so that its force does not jump where the
+stance changes (our choice). The joint torques with these forces are the feedforward of an execution.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from robustopt.config import BASE_COORDINATES as BASE
+from robustopt.config import FEET
+from robustopt.errors import ProblemInfeasible
+from robustopt.limits.load_sharing import distribute, willingness
+from robustopt.limits.walking import StandingTorque
+from robustopt.path.walking_path import WalkingPath
+from robustopt.robot.walker import WalkerDynamics
+from robustopt.solvers.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from robustopt.solvers.plan import Plan
+
+Array = np.ndarray
+
+FADE = 0.6
+"""Part of a phase on both feet over which a foot that has landed takes up its share, or one that will lift drops it."""
+
+LEAST_SHARE = 1e-4
+"""Share of a foot at the moment it lifts or lands, against 1 when it stands."""
+
+
+@dataclass(frozen=True, eq=False)
+class ContactForces:
+    """Contact forces and joint torques of a plan at M instants, in the order of time.
+
+    The first and the last are those of standing still; in between are the start and the end of every interval, so that
+    where sdd jumps there are two instants at the same time.
+
+    t, s: time and place (M,); forces: per contact at its points (M, k, 3), world [N], 0 for a foot in the air; points:
+    of each contact (M, k, 3), world [m], as the planner counts on them, where a foot stood last while in the air; axes:
+    of each contact as columns (3, 3), its normal last; torque: (M, n) [N m], 0 for the base; residual: (M,) what the
+    wrench misses, as a fraction of the weight
+    """
+
+    t: Array
+    s: Array
+    forces: Mapping[str, Array]
+    points: Mapping[str, Array]
+    axes: Mapping[str, Array]
+    torque: Array
+    residual: Array
+
+    def total(self, contact: str) -> Array:
+        """Force on a contact, (M, 3), world [N]."""
+        return np.asarray(self.forces[contact].sum(axis=1))
+
+    def pressed(self, contact: str) -> Array:
+        """The same in the axes of the contact, the normal force last, (M, 3) [N]."""
+        return np.asarray(self.total(contact) @ self.axes[contact])
+
+    def wrench(self, contact: str) -> Array:
+        """Force and moment on a contact about the middle of its points, world axes, (M, 6) [N, N m]."""
+        arm = self.points[contact] - self.points[contact].mean(axis=1, keepdims=True)
+        moment = np.cross(arm, self.forces[contact]).sum(axis=1)
+        return np.concatenate([self.total(contact), moment], axis=1)
+
+    def center_of_pressure(self, contact: str | None = None) -> Array:
+        """Centre of pressure of a contact, or of both feet, (M, 2), x and y in the world [m]; nan where nothing
+        presses."""
+        names = FEET if contact is None else [contact]
+        pressure = np.concatenate([self.forces[name] @ self.axes[name][:, 2] for name in names], axis=1)
+        points = np.concatenate([self.points[name][..., :2] for name in names], axis=1)
+        total = pressure.sum(axis=1)
+        some = np.where(total > 1e-9 * total.max(initial=1.0), total, np.nan)
+        return np.asarray((pressure[:, :, None] * points).sum(axis=1) / some[:, None])
+
+    def sample(self, t: Array) -> tuple[Array, dict[str, Array]]:
+        """Joint torque (T, n) and force on each contact (T, 3) at times t (T,), linear in between; constant outside."""
+        late = np.searchsorted(self.t, t, side="right")
+        first = np.clip(late - 1, 0, len(self.t) - 1)
+        second = np.clip(late, 0, len(self.t) - 1)
+        width = self.t[second] - self.t[first]
+        part = np.divide(t - self.t[first], width, out=np.zeros(len(t)), where=width > 0)[:, None]
+
+        def between(values: Array) -> Array:
+            return np.asarray((1.0 - part) * values[first] + part * values[second])
+
+        return between(self.torque), {name: between(self.total(name)) for name in self.forces}
+
+
+def planned_forces(plan: Plan) -> ContactForces:
+    """Contact forces of a plan of a robot on its feet. Raises ProblemInfeasible for a plan that was not found."""
+    if plan.x.size == 0:
+        raise ProblemInfeasible(f"There are no forces: {plan.message}")
+    problem = plan.problem
+    torque, path = problem.limits.torque, problem.path
+    assert isinstance(torque, StandingTorque)
+    assert isinstance(path, WalkingPath)
+    trajectory = Trajectory.from_plan(plan)
+    interval = np.arange(len(plan.u))
+    points = np.concatenate([[0], np.column_stack([interval, interval + 1]).ravel(), [len(plan.s) - 1]])
+    u = np.concatenate([[0.0], np.repeat(plan.u, 2), [0.0]])
+    x = np.concatenate([[0.0], plan.x[points[1:-1]], [0.0]])
+    middle = np.concatenate([[0.0], np.repeat(0.5 * (plan.s[:-1] + plan.s[1:]), 2), [1.0]])
+    phases = path.footsteps.phases
+    stance = np.minimum((middle * phases).astype(int), phases - 1)
+    dynamics = torque.dynamics
+    load = dynamics.force_u[points] * u[:, None] + dynamics.force_x[points] * x[:, None] + dynamics.force_0[points]
+    forces, corners, residual = _forces(torque, path, plan.s[points], stance, load)
+    return ContactForces(
+        t=trajectory.times[points],
+        s=plan.s[points],
+        forces=forces,
+        points=corners,
+        axes={name: place.axes for name, place in path.stances[0].places.items()},
+        torque=_torque(dynamics, points, load, forces, corners),
+        residual=residual,
+    )
+
+
+def _forces(
+    torque: StandingTorque, path: WalkingPath, s: Array, stance: Array, load: Array
+) -> tuple[dict[str, Array], dict[str, Array], Array]:
+    """Forces and points of all contacts (M, k, 3), and what the wrench misses (M,)."""
+    count = {name: len(points) for name, points in torque.soles.items()}
+    forces = {name: np.zeros((len(s), k, 3)) for name, k in count.items()}
+    corners = {name: np.zeros((len(s), k, 3)) for name, k in count.items()}
+    residual = np.empty(len(s))
+    for k, (family, own) in enumerate(zip(torque.contacts, path.stances, strict=True)):
+        here = np.flatnonzero(stance == k)
+        system, parts = family.system, torque.parts(k)
+        shares = _shares(path, k, s[here])
+        weights = np.empty((len(here), system.generators.shape[1]))
+        for name, part in parts.items():
+            weights[:, part] = shares[name][:, None]
+        center = np.mean([own.places[name].position for name in own.places if name in FEET], axis=0)
+        generators = system.about([center]).generators
+        wrench = load[here, :BASE].copy()
+        wrench[:, 3:] -= np.cross(center, wrench[:, :3])
+        along, residual[here] = distribute(generators, weights, wrench, family.weight)
+        for name, part in parts.items():
+            pushes = along[:, None, part] * system.generators[:3, part]
+            forces[name][here] = pushes.reshape(len(here), 3, count[name], system.edges).sum(axis=3).transpose(0, 2, 1)
+        for name in count:
+            corners[name][here] = _corners(torque, path, k, name)
+    return forces, corners, residual
+
+
+def _corners(torque: StandingTorque, path: WalkingPath, stance: int, name: str) -> Array:
+    """Points of a contact (k, 3) where it rests in a stance, or did last."""
+    while name not in path.stances[stance].places:
+        stance -= 1
+    return path.stances[stance].places[name].world(torque.soles[name])
+
+
+def _shares(path: WalkingPath, stance: int, s: Array) -> dict[str, Array]:
+    """How willingly each contact is used, (M,): a foot less after it landed and before it lifts."""
+    own, stances = path.stances[stance], path.stances
+    part = (s - own.begin) / (own.end - own.begin)
+    shares = {}
+    for name in own.places:
+        share = np.full(len(s), willingness(name))
+        if stance > 0 and name not in stances[stance - 1].places:
+            share = np.minimum(share, _ramp(part / FADE))
+        if stance + 1 < len(stances) and name not in stances[stance + 1].places:
+            share = np.minimum(share, _ramp((1.0 - part) / FADE))
+        shares[name] = share
+    return shares
+
+
+def _ramp(t: Array) -> Array:
+    """Smooth step from LEAST_SHARE at 0 to 1 at 1."""
+    t = np.clip(t, 0.0, 1.0)
+    return np.asarray(LEAST_SHARE + (1.0 - LEAST_SHARE) * t * t * (3.0 - 2.0 * t))
+
+
+def _torque(
+    dynamics: WalkerDynamics, points: Array, load: Array, forces: Mapping[str, Array], corners: Mapping[str, Array]
+) -> Array:
+    """Joint torques (M, n) that are left for the motors, 0 for the base."""
+    torque = load.copy()
+    for name, pushes in forces.items():
+        moment = np.cross(corners[name], pushes).sum(axis=1)
+        wrench = np.concatenate([pushes.sum(axis=1), moment], axis=1)
+        torque -= (np.swapaxes(dynamics.jacobians[name][points], 1, 2) @ wrench[:, :, None])[:, :, 0]
+    torque[:, :BASE] = 0.0
+    return torque

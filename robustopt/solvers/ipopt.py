@@ -1,0 +1,167 @@
+"""Outer program: the timing as a convex nonlinear program in x, solved by Ipopt through CasADi.
+
+    minimise   sum_i dt_i (1 + weight * penalty_i),   dt_i = 2 ds_i / (sqrt(x_i) + sqrt(x_{i+1}))
+    such that  a u + b x + c <= 0 at both ends of every interval,   0 <= x <= x_max
+
+penalty: sum over the joints of (tau / tau_max)^2 (effort) or (qdd / qdd_max)^2 (smoothness), mean of the two ends.
+"""
+
+from __future__ import annotations
+
+import time
+
+import casadi as ca
+import numpy as np
+from scipy import sparse
+
+from robustopt.interruption import held
+from robustopt.limits import TimeScalingProblem
+from robustopt.limits.rows import TorqueFamily
+from robustopt.solvers.plan import Plan, Status, duration_of, failed_plan, solved_plan
+from robustopt.solvers.reachability import passes
+
+Array = np.ndarray
+
+SMALLEST_X = 1e-7
+"""Lower bound of x away from rest, as a fraction of the fastest feasible timing, which Ipopt's variables are fractions
+of: keeps the root differentiable. A fraction of x_max would not do, which the rows may keep far out of reach."""
+
+OPTIONS = {
+    "print_time": False,
+    "ipopt.print_level": 0,
+    "ipopt.sb": "yes",
+    "ipopt.tol": 1e-9,
+    "ipopt.constr_viol_tol": 1e-9,
+    "ipopt.bound_relax_factor": 1e-10,
+    "ipopt.jac_d_constant": "yes",
+    "ipopt.max_iter": 500,
+    "iteration_callback_step": 5,
+}
+
+
+def solve_ipopt(problem: TimeScalingProblem, guess: Array | None = None) -> Plan:
+    """Plan of least cost on the rows of the problem, or the reason why there is none."""
+    began = time.perf_counter()
+    feasible_x, _, stuck = passes(problem.a, problem.b, problem.c, problem.x_max, problem.ds)
+    if not problem.feasible.all():
+        stuck = int(np.argmin(problem.feasible))
+    if stuck >= 0:
+        figures = {"solver_seconds": time.perf_counter() - began}
+        return failed_plan(problem, Status.INFEASIBLE, "ipopt", Status.INFEASIBLE.sentence, stuck, figures)
+    scale = np.where(feasible_x > 0, feasible_x, problem.x_max)
+    x, outcome, iterations = _minimise(problem, feasible_x if guess is None else guess, scale, OPTIONS)
+    figures = {"solver_seconds": time.perf_counter() - began, "ipopt_iterations": float(iterations)}
+    if outcome not in ("Solve_Succeeded", "Solved_To_Acceptable_Level"):
+        status = Status.ITERATION_LIMIT if outcome == "Maximum_Iterations_Exceeded" else Status.FAILED
+        return failed_plan(problem, status, "ipopt", f"{status.sentence} Ipopt says {outcome}.", -1, figures)
+    return solved_plan(problem, x, "ipopt", figures)
+
+
+def _minimise(
+    problem: TimeScalingProblem, guess: Array, scale: Array, options: dict[str, object]
+) -> tuple[Array, str, int]:
+    """x (P,) of least cost, how Ipopt ended, and its iterations.
+
+    guess: where to start (P,); scale: a timing (P,) that the variables are fractions of, and the cost of its duration,
+    so that tolerances mean the same for slow and fast robots
+    """
+    free = np.flatnonzero(problem.x_max > 0)
+    rows, right = _rows(problem, free)
+    part = ca.MX.sym("x", len(free))
+    size = scale[free]
+    variable, matrix = part * ca.DM(size), ca.DM(rows.multiply(size).tocsc())
+    full, root = _spread(variable, free, problem), _spread(ca.sqrt(variable), free, problem)
+    objective = _objective(problem, full, root, problem.config.solver.cost) / duration_of(problem.ds, scale)
+    upper = problem.x_max[free] / size
+    start = np.clip(guess[free] / size, 10 * SMALLEST_X, 0.999 * upper)
+    with held() as interruptions:
+        stop = _Stop(len(free), len(right), interruptions)
+        program = {"x": part, "f": objective, "g": matrix @ part}
+        solver = ca.nlpsol("outer", "ipopt", program, {**options, "iteration_callback": stop})
+        answer = solver(x0=start, lbx=SMALLEST_X, ubx=upper, lbg=-np.inf, ubg=right)
+    if interruptions:  # by a handler of the user that let the work go on
+        return _minimise(problem, guess, scale, options)
+    result = np.zeros(len(problem.s))
+    result[free] = size * np.clip(np.array(answer["x"]).ravel(), 0.0, upper)
+    stats = solver.stats()
+    return result, str(stats["return_status"]), int(stats["iter_count"])
+
+
+class _Stop(ca.Callback):  # type: ignore[misc]
+    """Ends Ipopt within a few iterations once an interruption has come; an exception in its midst it would report."""
+
+    def __init__(self, variables: int, rows: int, interruptions: list[int]) -> None:
+        super().__init__()
+        self._sizes = {"x": variables, "lam_x": variables, "g": rows, "lam_g": rows, "f": 1}
+        self._interruptions = interruptions
+        self.construct("stop", {})
+
+    def get_n_in(self) -> int:
+        return int(ca.nlpsol_n_out())
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        return ca.Sparsity.dense(self._sizes.get(ca.nlpsol_out(i), 0))
+
+    def get_name_in(self, i: int) -> str:
+        return str(ca.nlpsol_out(i))
+
+    def eval(self, _outputs: list[ca.DM]) -> list[int]:
+        return [bool(self._interruptions)]
+
+
+def _rows(problem: TimeScalingProblem, free: Array) -> tuple[sparse.csc_matrix, Array]:
+    """Rows at both ends of the intervals over the free x, A x <= right; rows that always hold are left out."""
+    moving = np.flatnonzero(problem.ds > 0)
+    gain = 1.0 / (2 * problem.ds[moving])
+    before, after, right = [], [], []
+    for end in (0, 1):
+        a, b, c = (array[moving + end] for array in (problem.a, problem.b, problem.c))
+        slope = a * gain[:, None]
+        before.append(-slope + (b if end == 0 else 0.0))
+        after.append(slope + (b if end == 1 else 0.0))
+        right.append(-c)
+    first, second, limit = (np.concatenate(parts, axis=1) for parts in (before, after, right))
+    keep = (first != 0) | (second != 0)
+    interval = np.repeat(np.arange(len(moving)), first.shape[1]).reshape(first.shape)[keep]
+    count = len(interval)
+    entries = np.r_[first[keep], second[keep]]
+    columns = np.r_[moving[interval], moving[interval] + 1]
+    matrix = sparse.csc_matrix(
+        (entries, (np.r_[np.arange(count), np.arange(count)], columns)), shape=(count, len(problem.s))
+    )
+    return matrix[:, free].tocsc(), limit[keep]
+
+
+def _spread(values: ca.MX, free: Array, problem: TimeScalingProblem) -> ca.MX:
+    """Values at the free grid points, 0 at the others, (P,)."""
+    full = ca.MX(len(problem.s), 1)
+    full[free.tolist()] = values
+    return full
+
+
+def _objective(problem: TimeScalingProblem, x: ca.MX, root: ca.MX, cost: str) -> ca.MX:
+    moving = np.flatnonzero(problem.ds > 0)
+    ds, first, second = problem.ds[moving], moving.tolist(), (moving + 1).tolist()
+    dt = 2 * ds / (root[first] + root[second])
+    weight = problem.config.solver.weight
+    if cost == "time" or weight == 0.0:
+        return ca.sum1(dt)
+    u = (x[second] - x[first]) / (2 * ds)
+    penalty = ca.MX(0)
+    for points in (moving, moving + 1):
+        for j in range(problem.robot.n):
+            penalty += 0.5 * _relative(problem, cost, points, j, u, x[points.tolist()], root[points.tolist()]) ** 2
+    return ca.sum1(dt * (1 + weight * penalty))
+
+
+def _relative(
+    problem: TimeScalingProblem, cost: str, points: Array, joint: int, u: ca.MX, x: ca.MX, root: ca.MX
+) -> ca.MX:
+    """Torque or acceleration of a joint at grid points, as a fraction of its limit."""
+    if cost == "smoothness":
+        motion, limit = problem.limits.motion, problem.robot.limits.acceleration[joint]
+        return (motion.q1[points, joint] * u + motion.q2[points, joint] * x) / limit
+    assert isinstance(problem.limits.torque, TorqueFamily), "the effort of a robot on its feet is no cost"
+    coefficients, viscous = problem.limits.torque.nominal(joint)
+    c = coefficients[points]
+    return c[:, 0] * u + c[:, 1] * x + c[:, 2] + viscous[points] * root

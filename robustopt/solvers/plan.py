@@ -1,0 +1,141 @@
+"""The contract of the solvers: what a plan is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from functools import cached_property
+
+import numpy as np
+
+from robustopt.compiled import compiled
+from robustopt.limits import TimeScalingProblem
+
+Array = np.ndarray
+
+ACTIVE_TOLERANCE = 1e-4
+"""A row binds where its value is within this fraction of its limit; solver tolerances are a hundredth of it."""
+
+
+class Status(Enum):
+    """How a solver ended; `sentence` says it to people."""
+
+    SOLVED = "solved"
+    INFEASIBLE = "infeasible"
+    ITERATION_LIMIT = "iteration limit"
+    FAILED = "failed"
+
+    @property
+    def sentence(self) -> str:
+        return _SENTENCES[self.value]
+
+
+_SENTENCES = {
+    "solved": "The plan is the optimum for every value in the intervals.",
+    "infeasible": "No timing of the path satisfies the limits for every value in the intervals.",
+    "iteration limit": "The solver reached its iteration limit before the optimum.",
+    "failed": "The solver stopped without an answer.",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A timing of a path.
+
+    s, piece, x: grid points, piece of the path and sd^2, (P,); u: sdd on each interval, (P - 1,), 0 where it has no
+    length; duration [s]; stuck: for an infeasible problem the grid point where no choice is left, else -1;
+    statistics: figures of the solution process
+    """
+
+    status: Status
+    message: str
+    method: str
+    s: Array
+    piece: Array
+    x: Array
+    u: Array
+    duration: float
+    problem: TimeScalingProblem = field(repr=False)
+    statistics: Mapping[str, float]
+    stuck: int = -1
+
+    @cached_property
+    def active(self) -> tuple[tuple[str, ...], ...]:
+        """Names of the limits that bind at either end of each interval; empty for a plan without a timing."""
+        return _active(self.problem, self.x, self.u) if self.status is Status.SOLVED else ()
+
+
+def duration_of(ds: Array, x: Array) -> float:
+    """Sum of 2 ds / (sd_i + sd_{i+1}) over the intervals that have a length [s]; infinite where the robot stands."""
+    return float(timing(ds, x)[0])
+
+
+def controls_of(ds: Array, x: Array) -> Array:
+    """u from x_{i+1} = x_i + 2 ds u_i, (P - 1,); 0 on intervals without length."""
+    return np.asarray(timing(ds, x)[1])
+
+
+@compiled(error_model="numpy")
+def timing(ds, x):  # type: ignore[no-untyped-def]
+    """Duration and controls of a timing."""
+    duration, u = 0.0, np.zeros(len(ds))
+    speed = np.sqrt(x[0]) if x[0] > 0.0 else 0.0
+    for i in range(len(ds)):
+        before, speed = speed, np.sqrt(x[i + 1]) if x[i + 1] > 0.0 else 0.0
+        if ds[i] > 0.0:
+            duration += 2.0 * ds[i] / (before + speed)
+            u[i] = (x[i + 1] - x[i]) / (2.0 * ds[i])
+    return duration, u
+
+
+def interval_ends(problem: TimeScalingProblem, x: Array, u: Array) -> tuple[Array, Array, Array]:
+    """u, x and grid point at both ends of every interval that has a length, (M,) each."""
+    moving = np.flatnonzero(problem.ds > 0)
+    points = np.r_[moving, moving + 1]
+    return np.r_[u[moving], u[moving]], x[points], points
+
+
+def solved_plan(problem: TimeScalingProblem, x: Array, method: str, statistics: Mapping[str, float]) -> Plan:
+    """The plan of a solution x (P,)."""
+    duration, u = timing(problem.ds, x)
+    return timed_plan(problem, x, u, duration, method, statistics)
+
+
+def timed_plan(
+    problem: TimeScalingProblem, x: Array, u: Array, duration: float, method: str, statistics: Mapping[str, float]
+) -> Plan:
+    """The plan of a solution x (P,) whose controls (P - 1,) and duration [s] are at hand."""
+    for array in (x, u):
+        array.flags.writeable = False
+    return Plan(
+        Status.SOLVED, Status.SOLVED.sentence, method, problem.s, problem.piece, x, u, duration, problem, statistics
+    )
+
+
+def failed_plan(
+    problem: TimeScalingProblem, status: Status, method: str, message: str, stuck: int, statistics: Mapping[str, float]
+) -> Plan:
+    """A plan without a timing."""
+    none = np.zeros(0)
+    return Plan(status, message, method, problem.s, problem.piece, none, none, np.inf, problem, statistics, stuck)
+
+
+def binding_rows(problem: TimeScalingProblem, x: Array, u: Array) -> Array:
+    """Which rows bind at either end of each interval, (P - 1, m)."""
+    at_start = problem.a[:-1] * u[:, None] + problem.b[:-1] * x[:-1, None] + problem.c[:-1] > -ACTIVE_TOLERANCE
+    at_end = problem.a[1:] * u[:, None] + problem.b[1:] * x[1:, None] + problem.c[1:] > -ACTIVE_TOLERANCE
+    binding: Array = (at_start | at_end) & (problem.ds > 0)[:, None]
+    return binding
+
+
+def _active(problem: TimeScalingProblem, x: Array, u: Array) -> tuple[tuple[str, ...], ...]:
+    """Names of the limits that bind at either end of each interval, in the order of the columns."""
+    binding = binding_rows(problem, x, u)
+    names = [dict.fromkeys(problem.row_names[k] for k in np.flatnonzero(row)) for row in binding]
+    fast = (x >= problem.x_max * (1 - ACTIVE_TOLERANCE)) & (problem.x_max > 0)
+    for i in np.flatnonzero(problem.ds > 0):
+        for k in (i, i + 1):
+            if fast[k]:
+                names[i][problem.x_max_names[k]] = None
+    return tuple(tuple(row) for row in names)

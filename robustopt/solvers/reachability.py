@@ -1,0 +1,220 @@
+"""Reachability: the minimum-time timing by two passes over the grid, compiled.
+
+Backward: the controllable set of a grid point is the interval of x from which the end can be reached; its ends are two
+linear programs in (u, x), the rows at both ends of the interval and the next controllable set. Forward: from rest
+take the largest u that stays controllable. Let F_i(x) be the largest x_{i+1} that can follow x_i, a concave function.
+Where no F_i decreases before the x_i that the forward pass took, its timing is the pointwise largest, hence optimal.
+In general the largest F_i of all smaller x gives a second pass, an upper bound of every feasible timing, and so a lower
+bound of the duration. Where the two durations differ, the plan is polished by an interior-point method (our choice).
+"""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from robustopt.compiled import compiled
+from robustopt.limits import TimeScalingProblem
+from robustopt.solvers.interior_point import polish
+from robustopt.solvers.plan import Plan, Status, controls_of, duration_of, failed_plan, timed_plan, timing
+
+Array = np.ndarray
+
+FEASIBILITY = 1e-9
+"""Rows may be violated by this fraction of their limit; what a double-precision vertex of two rows can promise."""
+
+OPTIMALITY_GAP = 5e-5
+"""Fraction of the duration by which the forward pass may be slower than its lower bound before it is polished: half of
+the 1e-4 to which the solvers are to agree."""
+
+
+def solve_reachability(problem: TimeScalingProblem) -> Plan:
+    """Minimum-time plan of a problem, or the reason why there is none."""
+    began = time.perf_counter()
+    x, u, duration, least, stuck = _timed_passes(
+        problem.feasible, problem.a, problem.b, problem.c, problem.x_max, problem.ds
+    )
+    if stuck >= 0:
+        return _stuck(problem, stuck, began)
+    gap = 1.0 - least / duration
+    polished = gap > OPTIMALITY_GAP
+    if polished:
+        better, left = polish(problem.a, problem.b, problem.c, problem.x_max, problem.ds, x)
+        after = duration_of(problem.ds, better)
+        if after < duration:
+            x, u, duration = better, controls_of(problem.ds, better), after
+        gap = min(gap, 1.0 - (after - left) / duration)
+    if not duration < np.inf:
+        return _stuck(problem, int(np.argmax((x[:-1] + x[1:] == 0.0) & (problem.ds > 0))), began)
+    statistics = {"solver_seconds": time.perf_counter() - began, "optimality_gap": gap, "polished": float(polished)}
+    return timed_plan(problem, x, u, duration, "reachability", statistics)
+
+
+@compiled(error_model="numpy")
+def _timed_passes(feasible, a, b, c, x_max, ds):
+    """The timing of the forward pass, its controls and duration, the least duration by the bound, and where it ends.
+
+    feasible: (P,) whether a grid point has any (u, x) at all
+    """
+    x, bound, stuck = passes(a, b, c, x_max, ds)
+    for i in range(len(feasible) - 1, -1, -1):
+        stuck = stuck if feasible[i] else i
+    duration, u = timing(ds, x)
+    least = timing(ds, bound)[0] if np.any(bound > x) else duration
+    return x, u, duration, least, stuck
+
+
+def _stuck(problem: TimeScalingProblem, point: int, began: float) -> Plan:
+    statistics = {"solver_seconds": time.perf_counter() - began}
+    return failed_plan(problem, Status.INFEASIBLE, "reachability", Status.INFEASIBLE.sentence, point, statistics)
+
+
+@compiled(error_model="numpy")
+def _gather(a, b, c, i, step, A, B, C, m):
+    """Append the rows of a grid point that are not padding, with u replaced by what it means `step` further on."""
+    for k in range(a.shape[1]):
+        if a[i, k] != 0.0 or b[i, k] != 0.0:
+            A[m] = a[i, k] + step * b[i, k]
+            B[m] = b[i, k]
+            C[m] = c[i, k]
+            m += 1
+        elif c[i, k] > FEASIBILITY:
+            A[m], B[m], C[m] = 0.0, 0.0, c[i, k]
+            m += 1
+    return m
+
+
+@compiled(error_model="numpy")
+def _extreme_x(A, B, C, m, x_max, sign, order):
+    """Largest (sign 1) or smallest (sign -1) x in [0, x_max] with A u + B x + C <= 0 for some u; nan if there is none.
+
+    Incremental linear programming in two variables (Seidel): a violated row moves the optimum onto its line. order:
+    in which the rows are taken, without indices from m on; a violated one moves to the front, so that what binds at one
+    grid point comes first at the next, where it mostly binds too. Unsigned: then no index counts from the end, which
+    would take time to ask.
+    """
+    x = x_max if sign > 0 else 0.0
+    u = 0.0
+    for p in range(len(order)):
+        i = order[p]
+        if i >= m or A[i] * u + B[i] * x + C[i] <= FEASIBILITY * 1e-3:
+            continue
+        norm = A[i] * A[i] + B[i] * B[i]
+        if norm < 1e-300:
+            if C[i] > FEASIBILITY:
+                return np.nan
+            continue
+        u0, x0 = -A[i] * C[i] / norm, -B[i] * C[i] / norm
+        du, dx = -B[i], A[i]
+        low, high = -np.inf, np.inf
+        scale = 1e-13 * norm
+        if abs(dx) > scale:
+            t0, t1 = -x0 / dx, (x_max - x0) / dx
+            low, high = min(t0, t1), max(t0, t1)
+        elif x0 < -FEASIBILITY or x0 - x_max > FEASIBILITY:
+            return np.nan
+        for k in range(p):
+            j = order[k]
+            if j >= m:
+                continue
+            slope = A[j] * du + B[j] * dx
+            rest = A[j] * u0 + B[j] * x0 + C[j]
+            if slope > scale:
+                high = min(high, -rest / slope)
+            elif slope < -scale:
+                low = max(low, -rest / slope)
+            elif rest > FEASIBILITY:
+                return np.nan
+        if low > high:
+            gap = (low - high) * np.sqrt(norm)
+            if gap > FEASIBILITY * (1.0 + abs(u0) + abs(x0)):
+                return np.nan
+            low = high = 0.5 * (low + high)
+        rising = sign * dx
+        t = high if rising > 0 else (low if rising < 0 else min(max(0.0, low), high))
+        if not np.isfinite(t):
+            t = low if np.isfinite(low) else (high if np.isfinite(high) else 0.0)
+        u, x = u0 + t * du, x0 + t * dx
+        for k in range(p, 0, -1):
+            order[k] = order[k - 1]
+        order[0] = i
+    return min(max(x, 0.0), x_max)
+
+
+@compiled(error_model="numpy")
+def _holds_at_rest(A, C, m):
+    """Whether some u satisfies A u + C <= 0: then the smallest x is 0, nearly always."""
+    above = 0
+    for k in range(m):
+        above += 1 if C[k] > 0.0 else 0
+    if above == 0:
+        return True
+    low, high = -np.inf, np.inf
+    for k in range(m):
+        if A[k] > 0.0:
+            high = min(high, -C[k] / A[k])
+        elif A[k] < 0.0:
+            low = max(low, -C[k] / A[k])
+        elif C[k] > 0.0:
+            return False
+    return low <= high
+
+
+@compiled(error_model="numpy")
+def passes(a, b, c, x_max, ds):
+    """Backward and forward pass. Returns x (P,), an upper bound of every feasible x (P,), and the grid point where no
+    choice is left or the robot cannot move on, or -1."""
+    P, m = a.shape
+    low, high, x, bound = np.zeros(P), np.zeros(P), np.zeros(P), np.zeros(P)
+    A, B, C = np.empty(2 * m + 4), np.empty(2 * m + 4), np.empty(2 * m + 4)
+    fast, slow = np.arange(2 * m + 2, dtype=np.uint32), np.arange(2 * m + 2, dtype=np.uint32)
+    high[P - 1] = x_max[P - 1]
+    for i in range(P - 2, -1, -1):
+        if ds[i] == 0.0:
+            low[i], high[i] = low[i + 1], min(high[i + 1], x_max[i])
+        else:
+            step = 2.0 * ds[i]
+            A[0], B[0], C[0] = step, 1.0, -high[i + 1]
+            A[1], B[1], C[1] = -step, -1.0, low[i + 1]
+            n = _gather(a, b, c, i, 0.0, A, B, C, 2)
+            n = _gather(a, b, c, i + 1, step, A, B, C, n)
+            high[i] = _extreme_x(A, B, C, n, x_max[i], 1, fast)
+            low[i] = 0.0 if _holds_at_rest(A, C, n) else _extreme_x(A, B, C, n, x_max[i], -1, slow)
+        if not low[i] <= high[i] or (ds[i] > 0.0 and high[i] == 0.0 and high[i + 1] == 0.0):
+            return x, bound, i
+    if low[0] > FEASIBILITY:
+        return x, bound, 0
+    for i in range(P - 1):
+        if ds[i] == 0.0:
+            x[i + 1], bound[i + 1] = x[i], bound[i]
+            continue
+        step = 2.0 * ds[i]
+        u, decreasing = (high[i + 1] - x[i]) / step, False
+        for k in range(m):
+            rest = b[i, k] * x[i] + c[i, k]
+            if a[i, k] > 0.0 and -rest < u * a[i, k]:
+                u, decreasing = -rest / a[i, k], step * b[i, k] > a[i, k]
+        for k in range(m):
+            slope = a[i + 1, k] + step * b[i + 1, k]
+            rest = b[i + 1, k] * x[i] + c[i + 1, k]
+            if slope > 0.0 and -rest < u * slope:
+                u, decreasing = -rest / slope, step * b[i + 1, k] > slope
+        x[i + 1] = min(max(x[i] + step * u, low[i + 1]), high[i + 1])
+        bound[i + 1] = x[i + 1]
+        if decreasing or bound[i] > x[i]:
+            n = _gather(a, b, c, i, 0.0, A, B, C, 0)
+            n = _gather(a, b, c, i + 1, step, A, B, C, n)
+            bound[i + 1] = _largest_next(A, B, C, n, step, low[i], bound[i], high[i + 1])
+    return x, bound, -1
+
+
+@compiled(error_model="numpy")
+def _largest_next(A, B, C, n, step, low, high, most):
+    """Largest x + step u <= most with low <= x <= high and A u + B x + C <= 0: the rows in (u, x + step u)."""
+    for k in range(n):
+        A[k] -= step * B[k]
+    A[n], B[n], C[n] = -step, 1.0, -high
+    A[n + 1], B[n + 1], C[n + 1] = step, -1.0, low
+    largest = _extreme_x(A, B, C, n + 2, most, 1, np.arange(n + 2, dtype=np.uint32))
+    return most if np.isnan(largest) else largest

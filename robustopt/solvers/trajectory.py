@@ -1,0 +1,264 @@
+"""Timed trajectory of a plan: sampling in closed form, exports, and what binds for how long.
+
+On each interval of the grid u = sdd is constant, so with tau = t - t_i
+
+    s(t) = s_i + sd_i tau + u_i tau^2 / 2,    sd(t) = sd_i + u_i tau,    t_{i+1} - t_i = 2 ds_i / (sd_i + sd_{i+1}),
+
+and q = q(s), qd = q' sd, qdd = q' sdd + q'' sd^2. Nothing is integrated numerically.
+"""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path as FilePath
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robustopt.errors import ConfigError, ProblemInfeasible, SolverFailed
+
+if TYPE_CHECKING:
+    from robustopt.path import Path
+    from robustopt.solvers.plan import Plan
+
+Array = NDArray[np.float64]
+
+NO_LIMIT = "no limit"
+"""Name under which `binding_shares` counts the time in which nothing binds."""
+
+ZERO_LENGTH = 1e-13
+"""An interval of s shorter than this is a stop, a doubled grid point: s lies in [0, 1], so this is what rounding
+leaves of two equal numbers (our choice)."""
+
+MERGE = 1e-3
+"""A last partial period shorter than this part of a period is merged into the one before it: a multiple of the
+period that misses the end by rounding must not become two samples at the same time (our choice)."""
+
+MOST_SAMPLES = 10_000_000
+"""More samples than this are taken for a mistake in the period (our choice)."""
+
+
+@dataclass(frozen=True)
+class Samples:
+    """State of the robot at times t; T samples, n joints.
+
+    Attributes:
+        t: time from the start, shape (T,), [s].
+        s, sd, sdd: position, speed and acceleration along the path, shape (T,), [1], [1/s], [1/s^2].
+        q, qd, qdd: joint position, velocity and acceleration, shape (T, n), [rad or m] and per [s], [s^2].
+    """
+
+    t: Array
+    s: Array
+    sd: Array
+    sdd: Array
+    q: Array
+    qd: Array
+    qdd: Array
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A plan as a function of time.
+
+    Attributes:
+        times: time at each grid point, shape (P,), [s]; a stop (a doubled grid point) has the same time twice.
+        s, sd: position and speed along the path at each grid point, shape (P,), [1], [1/s].
+        sdd: constant acceleration of each interval, shape (P-1,), [1/s^2]; 0 on an interval of zero length.
+        piece: piece of the path that each grid point belongs to, shape (P,).
+        path: the geometric path q(s).
+    """
+
+    times: Array
+    s: Array
+    sd: Array
+    sdd: Array
+    piece: NDArray[np.intp]
+    path: Path
+
+    @classmethod
+    def from_plan(cls, plan: Plan, speed: float = 1.0) -> Trajectory:
+        """Trajectory of `plan`, run `speed` times as fast: s_run(t) = s_plan(speed t).
+
+        Args:
+            plan: a plan that was found.
+            speed: factor on sd; sdd, and with it the joint accelerations, grows with its square.
+
+        Raises:
+            ProblemInfeasible: the plan is empty.
+            SolverFailed: the plan rests at both ends of an interval that has a length, so that it never ends.
+            ConfigError: `speed` is not positive and finite.
+        """
+        _require_positive("speed", speed)
+        if plan.x.size == 0:
+            raise ProblemInfeasible(f"There is no trajectory: {plan.message}")
+        s = np.asarray(plan.s, dtype=float)
+        sd = speed * np.sqrt(np.maximum(plan.x, 0.0))
+        steps = interval_durations(s, sd)
+        sdd = np.divide(np.diff(sd), steps, out=np.zeros_like(steps), where=steps > 0)
+        times = np.concatenate([[0.0], np.cumsum(steps)])
+        arrays = (times, s.copy(), sd, sdd, np.array(plan.piece, dtype=np.intp))
+        for array in arrays:
+            array.flags.writeable = False
+        return cls(*arrays, plan.problem.path)
+
+    @property
+    def duration(self) -> float:
+        """Time from start to end, sum of 2 ds / (sd_i + sd_{i+1}) [s]."""
+        return float(self.times[-1])
+
+    def sample(self, t: Array | float) -> Samples:
+        """State at the times `t`, exact for the plan's piecewise constant sdd.
+
+        Where sdd jumps, the later value holds; at the end, the last. Before the start and after the end the robot
+        holds the first and the last position with sd = sdd = 0.
+
+        Args:
+            t: times from the start, shape (T,) or one number, [s].
+        """
+        t = np.atleast_1d(np.asarray(t, dtype=float))
+        last = int(np.flatnonzero(np.diff(self.times))[-1])
+        i = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, last)
+        tau = np.clip(t, 0.0, self.duration) - self.times[i]
+        part = tau / (self.times[i + 1] - self.times[i])
+        sd = (1.0 - part) * self.sd[i] + part * self.sd[i + 1]
+        s = np.clip(self.s[i] + 0.5 * (self.sd[i] + sd) * tau, self.s[i], self.s[i + 1])
+        inside = (t >= 0.0) & (t <= self.duration)
+        sd = np.where(inside, sd, 0.0)
+        sdd = np.where(inside, self.sdd[i], 0.0)
+        return joint_motion(self.path, self.piece[i], t, s, sd, sdd)
+
+    def at_gridpoints(self) -> Samples:
+        """State at the grid points, shape (P,); sdd is that of the interval that follows.
+
+        Before a stop, and at the end, sdd is that of the interval before: the two copies of a stop's grid point
+        have the same time and position, and the braking and the starting acceleration.
+        """
+        following = np.append(self.sdd, 0.0)
+        before = np.insert(self.sdd, 0, 0.0)
+        moves = np.append(np.diff(self.times) > 0, False)
+        sdd = np.where(moves, following, before)
+        return joint_motion(self.path, self.piece, self.times, self.s, self.sd, sdd)
+
+    def every(self, period: float) -> Samples:
+        """State at t = 0, period, 2 period, ... and at the end, see `sample_times`."""
+        return self.sample(sample_times(self.duration, period))
+
+
+def joint_motion(path: Path, piece: NDArray[np.intp], t: Array, s: Array, sd: Array, sdd: Array) -> Samples:
+    """Joint state q = q(s), qd = q' sd, qdd = q' sdd + q'' sd^2 for scalars along the path, all of shape (T,)."""
+    q, q1, q2 = (path.evaluate(s, piece, order=order) for order in range(3))
+    return Samples(t, s, sd, sdd, q, q1 * sd[:, None], q1 * sdd[:, None] + q2 * (sd**2)[:, None])
+
+
+def interval_durations(s: Array, sd: Array) -> Array:
+    """Time each interval of the grid takes, 2 ds / (sd_i + sd_{i+1}), shape (P-1,), [s]; 0 at a stop.
+
+    Args:
+        s, sd: position and speed along the path at the grid points, shape (P,), [1], [1/s].
+
+    Raises:
+        SolverFailed: an interval has a length and no speed at both ends.
+    """
+    ds = np.diff(s)
+    speed = sd[:-1] + sd[1:]
+    moves = ds > ZERO_LENGTH
+    stuck = np.flatnonzero(moves & (speed == 0))
+    if stuck.size:
+        rest, never = s[stuck[0]], s[stuck[0] + 1]
+        raise SolverFailed(
+            f"The plan rests at s = {rest:.6g} and at s = {never:.6g}, and never gets from one to the other."
+        )
+    return np.divide(2.0 * ds, speed, out=np.zeros_like(ds), where=moves)
+
+
+def sample_times(duration: float, period: float) -> Array:
+    """Times 0, period, 2 period, ... and `duration` itself, shape (T,), [s].
+
+    The last sample is exactly at the end, so the last step is shorter than a period when the duration is no
+    multiple of it. A last step shorter than `MERGE` periods is merged into the one before, which is then longer
+    than a period by as much.
+
+    Raises:
+        ConfigError: the period is not positive and finite, or so short that there are more than `MOST_SAMPLES`.
+    """
+    _require_positive("period", period)
+    if duration > MOST_SAMPLES * period:
+        raise ConfigError(
+            f"{period!r} s is too short: it gives more than {MOST_SAMPLES:,} samples in {duration:.6g} s", key="period"
+        )
+    full_steps = max(int(np.ceil(duration / period - MERGE)), 1)
+    return np.append(np.arange(full_steps) * period, duration)
+
+
+def binding_shares(plan: Plan) -> dict[str, float]:
+    """Share of the duration in which each limit binds, by name, largest first; the shares sum to 1.
+
+    The time of an interval on which several limits bind is divided equally among them; time in which none binds
+    counts as `NO_LIMIT`. Equal shares are in alphabetical order.
+    """
+    times: dict[str, float] = {}
+    for step, names in zip(np.diff(Trajectory.from_plan(plan).times).tolist(), plan.active, strict=True):
+        for name in names or (NO_LIMIT,):
+            if step > 0:
+                times[name] = times.get(name, 0.0) + step / max(len(names), 1)
+    total = sum(times.values())
+    return {name: time / total for name, time in sorted(times.items(), key=lambda item: (-item[1], item[0]))}
+
+
+def write_plan_csv(plan: Plan, path: FilePath) -> None:
+    """Write the plan at its grid points as CSV: t, s, sd, sdd, q_<joint>, qd_<joint>, qdd_<joint>.
+
+    One row per grid point, see `Trajectory.at_gridpoints`: a stop has two rows. Every number is written such that
+    it reads back as the same floating point number.
+    """
+    _write_csv(Trajectory.from_plan(plan).at_gridpoints(), plan.problem.robot.joint_names, path)
+
+
+def write_trajectory_csv(plan: Plan, period: float, path: FilePath, speed: float = 1.0) -> None:
+    """Write the plan, run `speed` times as fast, sampled every `period` seconds, with the columns of `write_plan_csv`.
+
+    The first sample is at t = 0 and the last exactly at the end; `sample_times` says what becomes of the last
+    period, which is rarely a whole one.
+    """
+    _write_csv(Trajectory.from_plan(plan, speed).every(period), plan.problem.robot.joint_names, path)
+
+
+def joint_trajectory(plan: Plan, period: float) -> dict[str, Any]:
+    """The plan sampled every `period` seconds in the shape of a ROS `trajectory_msgs/JointTrajectory` message.
+
+    Times are as in `write_trajectory_csv`, rounded to whole nanoseconds; all values are plain Python numbers,
+    ready for `json.dump`.
+    """
+    samples = Trajectory.from_plan(plan).every(period)
+    points = zip(samples.t.tolist(), samples.q.tolist(), samples.qd.tolist(), samples.qdd.tolist(), strict=True)
+    return {
+        "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""},
+        "joint_names": list(plan.problem.robot.joint_names),
+        "points": [
+            {"positions": q, "velocities": qd, "accelerations": qdd, "time_from_start": _ros_duration(t)}
+            for t, q, qd, qdd in points
+        ],
+    }
+
+
+def _ros_duration(t: float) -> dict[str, int]:
+    sec, nanosec = divmod(round(t * 1e9), 1_000_000_000)
+    return {"sec": sec, "nanosec": nanosec}
+
+
+def _write_csv(samples: Samples, joint_names: tuple[str, ...], path: FilePath) -> None:
+    scalars = np.stack([samples.t, samples.s, samples.sd, samples.sdd], axis=1)
+    rows = np.hstack([scalars, samples.q, samples.qd, samples.qdd])
+    header = ["t", "s", "sd", "sdd", *(f"{quantity}_{name}" for quantity in ("q", "qd", "qdd") for name in joint_names)]
+    with open(path, "w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(header)
+        writer.writerows((rows + 0.0).tolist())  # -0.0 + 0.0 is 0.0
+
+
+def _require_positive(name: str, value: float) -> None:
+    if not (np.isfinite(value) and value > 0):
+        raise ConfigError(f"must be a positive number, found {value!r}", key=name)
