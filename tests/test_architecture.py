@@ -10,7 +10,7 @@ import pytest
 PACKAGE = Path(__file__).parent.parent / "robustopt"
 
 LAYERS = [
-    ["compiled", "errors", "models", "tasks"],
+    ["arrays", "compiled", "errors", "models", "tasks"],
     ["interruption"],
     ["processes"],
     ["config/document", "config/section"],
