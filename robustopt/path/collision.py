@@ -14,12 +14,13 @@ import numpy as np
 
 from robustopt.arrays import Array
 from robustopt.config import Config, RailConfig
-from robustopt.config.geometry import Placement, placements, rail_box
 from robustopt.errors import ConfigProblem, RobotError
 from robustopt.path.inverse_kinematics import spread
 from robustopt.robot import Robot
 from robustopt.robot.model_file import USUAL
 from robustopt.robot.preparation import CARRIER_SITE
+from robustopt.scene.placement import Placement, placements
+from robustopt.scene.rail import rail_box
 
 TOUCH = 1e-4
 """Overlap that counts as touching [m]: rounding and the tolerance of the path, well below any collision of interest."""

@@ -9,8 +9,8 @@ import numpy as np
 
 from robustopt.arrays import Array
 from robustopt.config import FEET, RailConfig
-from robustopt.config.geometry import rectangle
 from robustopt.errors import RobotError
+from robustopt.geometry import rectangle
 
 FLAT = 1e-6
 """Largest distance of a contact point from the plane of its site [m]: rounding of the numbers in a file."""
