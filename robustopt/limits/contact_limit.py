@@ -55,6 +55,12 @@ class ContactLimit:
         """Return the limit held to more rows (F, d) of the given kinds (F,)."""
         return self.with_facets(np.concatenate([self.facets, facets]), np.concatenate([self.kinds, kinds]))
 
+    def with_all_facets(self) -> ContactLimit:
+        """Return the limit held to all explicit rows of its system; a solver may have added only violated ones."""
+        if not self.system.complete or len(self.system.facets) <= len(self.facets):
+            return self
+        return self.with_facets(self.system.facets / self.weight, self.system.kinds)
+
     def cut(self, polygons: Polygons, index: Indices, used: Flags) -> Polygons:
         """Return the polygons cut with the rows; see `Limit`."""
         chosen = used[self.kinds]
