@@ -344,7 +344,7 @@ def test_a_mistake_names_its_key_and_what_would_be_right(override: str, key: str
 
 
 def test_a_rail_needs_steps_and_a_hand() -> None:
-    with pytest.raises(ConfigError, match=r"path\.rail: not allowed without path\.steps"):
+    with pytest.raises(ConfigError, match=r"path\.rail: found it without path\.steps"):
         load_config(CONFIGS / "waiter_two_blocks.yaml", ["path.rail={hand: left, at: [0, 0, 1], size: [0.1, 0.1]}"])
     with pytest.raises(ConfigError, match=r"leaves nothing of left_hand, 0\.08 by 0\.05 m"):
         build_problem(configured("uncertainty.contact_points={left_hand: 0.03}"))

@@ -436,8 +436,10 @@ def test_too_little_friction_is_infeasible_in_words(tmp_path: Path, capsys: pyte
 # Configuration --------------------------------------------------------------------------------------------
 
 MISTAKES = [
-    ("robot.locked={waist: 0}", "robot.locked", "not allowed with path.steps"),
-    ("path.blend=0.1", "path.blend", "not allowed with path.steps"),
+    ("tray={size: [0.3, 0.3, 0.01], mass: 1}", "tray", "found it together with path.steps"),
+    ("objects={box: {shape: box, size: [0.1, 0.1, 0.1], mass: 1}}", "objects", "found it together with path.steps"),
+    ("robot.locked={waist: 0}", "robot.locked", "found it together with path.steps"),
+    ("path.blend=0.1", "path.blend", "found it together with path.steps"),
     ("robot.base={position: [1, 0, 0]}", "robot.base", "begins where path.start says"),
     ("path.steps.0.foot=middle", "path.steps[0].foot", "expected one of left, right"),
     ("path.steps.1.foot=right", "path.steps[1].foot", "expected the feet in turn"),
@@ -451,7 +453,7 @@ MISTAKES = [
     ("solver.cost=effort", "solver.cost", "found effort with path.steps"),
     ("solver.collocation_points=20", "solver.collocation_points", "expected at least 40"),
     ("uncertainty.base_acceleration=[1, 2]", "uncertainty.base_acceleration", "expected one, or six"),
-    ("contact.friction={left_foot: 0.3}", "contact.friction", "no value for right_foot; expected one for each contact"),
+    ("contact.friction={left_foot: 0.3}", "contact.friction", "no value for right_foot; expected one for each foot"),
     ("contact.friction={left_foot: 0.3, hand: 1}", "contact.friction.hand", "expected one of left_foot, right_foot"),
     ("uncertainty.friction={left_foot: [0.4, 0.5]}", "uncertainty.friction.left_foot", "does not contain"),
     ("uncertainty.contact_points={hand: 0.1}", "uncertainty.contact_points.hand", "nothing is called hand"),
