@@ -26,7 +26,8 @@ class CarrierMotion:
 
     position: (P, 3) in the world [m]; rotation: (P, 3, 3) into the world; jacobian: (P, 6, n) of the origin, linear
     then angular, carrier axes; bias: (P, 6) acceleration at qd = q'(s), qdd = 0, linear then angular, carrier axes
-    [m/s^2, rad/s^2]; gravity: (P, 3) carrier axes [m/s^2]
+    [m/s^2, rad/s^2]; gravity: (P, 3) carrier axes [m/s^2]; hands: Jacobians at the carrier's origin of the k hands that
+    hold the tray together, if there are several, (k, P, 6, n), of which `jacobian` is the mean weighted by their shares
     """
 
     position: Array
@@ -34,6 +35,7 @@ class CarrierMotion:
     jacobian: Array
     bias: Array
     gravity: Array
+    hands: Array | None = None
 
     def __post_init__(self) -> None:
         _freeze(self)
@@ -91,12 +93,14 @@ class Frames:
     """Where the frames of interest are in a compiled model.
 
     base: number of base coordinates; contacts: number of the body of each environment contact; carrier: number of the
-    carrier's site, None if there is none
+    carrier's site, None if there is none; holders: several hands that hold the tray, the number of the body and the
+    share of each (6, 6), () for a single tool
     """
 
     base: int
     contacts: Mapping[str, int]
     carrier: int | None
+    holders: tuple[tuple[int, Array], ...] = ()
 
 
 def _freeze(value: CarrierMotion | Dynamics) -> None:
@@ -121,7 +125,7 @@ def path_dynamics(model: mujoco.MjModel, frames: Frames, q: Array, q1: Array, q2
     mass_matrix, force_0, moving = np.empty((P, n, n)), np.empty((P, n)), np.empty((P, n))
     jacobians = {name: np.empty((P, 6, n)) for name in frames.contacts}
     contacts = [(J[:, :3], J[:, 3:], frames.contacts[name]) for name, J in jacobians.items()]
-    carrier = _Carrier(model, data, frames.carrier, P) if frames.carrier is not None else None
+    carrier = _Carrier(model, data, frames, P) if frames.carrier is not None else None
     springs = np.any(model.jnt_stiffness) or np.any(model.jnt_stiffnesspoly) or model.ntendon
     for i in range(P):
         data.qpos[:] = q[i]
@@ -155,32 +159,43 @@ def path_dynamics(model: mujoco.MjModel, frames: Frames, q: Array, q1: Array, q2
 class _Carrier:
     """A record of the carrier frame, point by point, and its motion in carrier axes."""
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, site: int, points: int) -> None:
-        jacobian, rate = np.empty((points, 6, model.nv)), np.empty((points, 6, model.nv))
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, frames: Frames, points: int) -> None:
+        site = frames.carrier
+        assert site is not None
         position, rotation = np.empty((points, 3)), np.empty((points, 3, 3))
-        now, turn, body = data.site_xpos[site], data.site_xmat[site].reshape(3, 3), int(model.site_bodyid[site])
-        linear, angular, linear_rate, angular_rate = jacobian[:, :3], jacobian[:, 3:], rate[:, :3], rate[:, 3:]
+        now, turn = data.site_xpos[site], data.site_xmat[site].reshape(3, 3)
+        holders = frames.holders or ((int(model.site_bodyid[site]), np.eye(6)),)
+        bodies = [body for body, _ in holders]
+        jacobians, rates = (np.empty((len(bodies), points, 6, model.nv)) for _ in range(2))
+        parts = [(J[:, :3], J[:, 3:], rate[:, :3], rate[:, 3:]) for J, rate in zip(jacobians, rates, strict=True)]
 
         def record(i: int) -> None:
-            mujoco.mj_jacSite(model, data, linear[i], angular[i], site)
-            mujoco.mj_jacDot(model, data, linear_rate[i], angular_rate[i], now, body)
+            for body, (linear, angular, linear_rate, angular_rate) in zip(bodies, parts, strict=True):
+                mujoco.mj_jac(model, data, linear[i], angular[i], now, body)
+                mujoco.mj_jacDot(model, data, linear_rate[i], angular_rate[i], now, body)
             position[i], rotation[i] = now, turn
 
         self.record = record
-        self._jacobian, self._rate, self._position, self._rotation = jacobian, rate, position, rotation
+        self._jacobians, self._rates, self._position, self._rotation = jacobians, rates, position, rotation
+        self._shares = [share for _, share in holders]
         self._gravity = np.array(model.opt.gravity)
 
     def motion(self, q1: Array) -> CarrierMotion:
         """Return what was recorded, turned into carrier axes; q1: q'(s) (P, n)."""
-        into, J = self._rotation.transpose(0, 2, 1), self._jacobian
-        bias = (self._rate @ q1[:, :, None])[:, :, 0]
-        return CarrierMotion(
-            position=self._position,
-            rotation=self._rotation,
-            jacobian=np.concatenate((into @ J[:, :3], into @ J[:, 3:]), axis=1),
-            bias=np.concatenate(((into @ bias[:, :3, None])[:, :, 0], (into @ bias[:, 3:, None])[:, :, 0]), axis=1),
-            gravity=into @ self._gravity,
-        )
+        into = self._rotation.transpose(0, 2, 1)
+        bias = (self._rates @ q1[None, :, :, None])[..., 0]
+        local = [np.concatenate((into @ J[:, :3], into @ J[:, 3:]), axis=1) for J in self._jacobians]
+        rates = [
+            np.concatenate(((into @ b[:, :3, None])[:, :, 0], (into @ b[:, 3:, None])[:, :, 0]), axis=1) for b in bias
+        ]
+        if len(local) > 1:  # several hands: the mean motion, weighted by their shares
+            J = sum(share.T @ part for share, part in zip(self._shares, local, strict=True))
+            rate = sum(part @ share for share, part in zip(self._shares, rates, strict=True))
+        else:
+            (J,), (rate,) = local, rates
+        hands = np.stack(local) if len(local) > 1 else None
+        J, rate, gravity = np.asarray(J), np.asarray(rate), into @ self._gravity
+        return CarrierMotion(self._position, self._rotation, J, rate, gravity, hands)
 
 
 def _base_rows_to_wrench(jacobian: Array, forces: tuple[Array, ...], mass_matrix: Array) -> None:

@@ -40,7 +40,8 @@ class Robot:
     of the bodies that have a mass; posture: (n,) position that coordinates keep if the path does not prescribe them
     [rad or m]; contacts: contact points of the environment contacts by name; chains: indices of the joints between
     base and contact, by contact; limbs: indices of the joints in a chain that move no other foot or hand, six for a
-    foot, at least six for a hand; has_carrier: True if the robot has a carrier frame
+    foot, at least six for a hand; has_carrier: True if the robot has a carrier frame;
+    hands: several hands that hold the tray together, () for a single tool
     """
 
     def __init__(self, parts: RobotModel, model: mujoco.MjModel, limits: JointLimits) -> None:
@@ -69,7 +70,9 @@ class Robot:
             base=self.base,
             contacts={name: int(model.site_bodyid[site]) for name, site in self._sites.items()},
             carrier=model.site(CARRIER_SITE).id if CARRIER_SITE in sites else None,
+            holders=tuple((model.body(hand.body).id, hand.share) for hand in parts.hands),
         )
+        self.hands = parts.hands
         self.has_carrier = self._frames.carrier is not None
         self.chains = {name: self._chain(name) for name in self.contacts}
         self.limbs = {name: self._limb(name) for name in self.contacts}
