@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from robustopt.arrays import Array, Indices
 from robustopt.config import Config
 from robustopt.config.object_model import GripConfig
+from robustopt.errors import ConfigError
 from robustopt.limits.bodies import Body
 from robustopt.limits.contact_limit import ContactLimit
 from robustopt.limits.hands import hand_force, hand_systems
+from robustopt.limits.laws import ContactLaw
 from robustopt.limits.names import LimitKind
 from robustopt.limits.polygons import Loads
 from robustopt.limits.stances import eroded_sole, stance_system
@@ -26,11 +28,37 @@ STANDARD_GRAVITY = 9.81
 """Turns a mass into the weight of which contact rows are fractions, whatever the configured gravity [m/s^2]."""
 
 
-def contact_limits(config: Config, track: Track, uncertainty: Uncertainty) -> tuple[ContactLimit, ...]:
-    """Return the limits of all contacts: of each stance of a walking robot, of the objects, of several hands."""
+def contact_limits(
+    config: Config, track: Track, uncertainty: Uncertainty, laws: Mapping[str, ContactLaw] | None = None
+) -> tuple[ContactLimit, ...]:
+    """Return the limits of all contacts: of each stance of a walking robot, of the objects, of several hands.
+
+    Args:
+        config: the configuration.
+        track: the track.
+        uncertainty: the uncertain quantities.
+        laws: laws of a user, by the name of the contact of an object.
+
+    Raises:
+        ConfigError: a law is for a contact that no object has.
+    """
+    _require_contacts(config, laws or {})
     friction, shift = uncertainty.worst_friction, dict(uncertainty.contact_points)
-    systems = (*object_systems(config, friction, shift), *hand_systems(config, track.robot.hands, friction, shift))
+    systems = (
+        *object_systems(config, friction, shift, laws),
+        *hand_systems(config, track.robot.hands, friction, shift),
+    )
     return *stance_limits(config, track, uncertainty), *carried_limits(config, track, uncertainty, systems)
+
+
+def _require_contacts(config: Config, laws: Mapping[str, ContactLaw]) -> None:
+    names = [patch.name for patch in patches(config)]
+    for name in laws:
+        if name not in names:
+            known = ", ".join(names)
+            raise ConfigError(
+                f"a law is given for {name}, which is no contact of an object; expected {known}", "objects"
+            )
 
 
 def carried_limits(

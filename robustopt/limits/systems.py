@@ -16,7 +16,7 @@ import numpy as np
 from robustopt.arrays import Array, Flags, Indices
 from robustopt.config import Config
 from robustopt.limits.cones import about_point, tipping_rows
-from robustopt.limits.laws import Link, links
+from robustopt.limits.laws import ContactLaw, Link, links
 from robustopt.limits.names import LimitKind, LimitName
 from robustopt.scene.patches import eroded, patches
 from robustopt.scene.placement import supports
@@ -109,7 +109,10 @@ class ContactSystem:
 
 
 def object_systems(
-    config: Config, friction: Mapping[str, float], shift: Mapping[str, float]
+    config: Config,
+    friction: Mapping[str, float],
+    shift: Mapping[str, float],
+    laws: Mapping[str, ContactLaw] | None = None,
 ) -> tuple[ContactSystem, ...]:
     """Return the contact systems of the objects of a configuration, moments about the carrier's origin.
 
@@ -117,9 +120,10 @@ def object_systems(
         config: the configuration.
         friction: coefficient of friction of each contact by its name.
         shift: largest distance of each contact point from its place along x and y, by contact [m].
+        laws: laws of a user, by the name of the contact.
     """
     left = [eroded(patch, shift.get(patch.name, 0.0)) for patch in patches(config)]
-    found = links(left, friction, config.contact.cone_edges)
+    found = links(left, friction, config.contact.cone_edges, laws)
     return tuple(_system(config, group, [link for link in found if link.object in group]) for group in _groups(config))
 
 
