@@ -295,7 +295,7 @@ def test_a_redundant_arm_follows_smoothly() -> None:
 
 
 def test_too_few_and_repeated_poses_are_errors() -> None:
-    assert "at least two tray poses; there is 1" in refused({"tray_poses": poses((0, 0, 0))})
+    assert "at least two poses; there is 1" in refused({"tray_poses": poses((0, 0, 0))})
     message = refused({"tray_poses": poses((0, 0, 0), (0, 0, 0), (1, 0, 0), (1, 0, 0))})
     assert "path.tray_poses[1]: repeats tray_poses[0]" in message
     assert "path.tray_poses[3]: repeats tray_poses[2]" in message

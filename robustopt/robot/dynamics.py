@@ -20,14 +20,18 @@ from robustopt.robot.floating_base import base_to_wrench
 
 @dataclass(frozen=True)
 class CarrierMotion:
-    """Motion of the carrier frame along a path at P points.
+    """The motion of the carrier frame along a path at P points.
 
     At u = sdd and x = sd^2 the frame accelerates by `jacobian @ q1 * u + (jacobian @ q2 + bias) * x`.
 
-    position: (P, 3) in the world [m]; rotation: (P, 3, 3) into the world; jacobian: (P, 6, n) of the origin, linear
-    then angular, carrier axes; bias: (P, 6) acceleration at qd = q'(s), qdd = 0, linear then angular, carrier axes
-    [m/s^2, rad/s^2]; gravity: (P, 3) carrier axes [m/s^2]; hands: Jacobians at the carrier's origin of the k hands that
-    hold the tray together, if there are several, (k, P, 6, n), of which `jacobian` is the mean weighted by their shares
+    Attributes:
+        position: of the origin in the world, (P, 3) [m].
+        rotation: from carrier axes into the world, (P, 3, 3).
+        jacobian: of the origin, linear then angular, carrier axes, (P, 6, n).
+        bias: acceleration at qd = q'(s) and qdd = 0, linear then angular, carrier axes, (P, 6) [m/s^2, rad/s^2].
+        gravity: in carrier axes, (P, 3) [m/s^2].
+        hands: Jacobians at the carrier's origin of several hands that hold the tray together, (k, P, 6, n), of which
+            `jacobian` is the mean weighted by their shares; None for a single tool.
     """
 
     position: Array
@@ -43,16 +47,18 @@ class CarrierMotion:
 
 @dataclass(frozen=True)
 class Dynamics:
-    """Inverse dynamics of the links along a path at P points, without contacts and payload.
+    """The inverse dynamics of the links along a path at P points, without contacts and payload.
 
     At u = sdd and x = sd^2 the generalised force is `force_u * u + force_x * x + force_0`. Rows of a floating base are
     the wrench on the robot, force then moment about the world's origin, world axes [N, N m]; the other rows are joint
     torques or forces [N m or N], without joint friction.
 
-    force_u, force_x, force_0: (P, n); mass_matrix: (P, n, n) generalised force per acceleration, armature included;
-    contact_jacobians: by name of the environment contact (P, 6, n), motion of its body at the world's origin, linear
-    then angular, world axes: a wrench w about the world's origin on the contact does J^T w at the joints; carrier:
-    motion of the carrier frame, None if the robot has none
+    Attributes:
+        force_u, force_x, force_0: generalised force per u, per x and at rest, (P, n).
+        mass_matrix: generalised force per acceleration, armature included, (P, n, n).
+        contact_jacobians: by environment contact the motion of its body at the world's origin, linear then angular,
+            world axes, (P, 6, n); a wrench w on the contact about the world's origin does J^T w at the joints.
+        carrier: motion of the carrier frame, None if the robot has none.
     """
 
     force_u: Array
@@ -68,14 +74,16 @@ class Dynamics:
 
 @dataclass(frozen=True)
 class BodyMotion:
-    """Motion of a body's frame along a path at P points, body axes.
+    """The motion of a body's frame along a path at P points, body axes.
 
     The acceleration of its origin less gravity is `linear_u * u + linear_x * x + linear_0`, the angular acceleration
     `angular_u * u + angular_x * x`.
 
-    linear_u, linear_x, linear_0, angular_u, angular_x: (P, 3) [m/s^2, rad/s^2]; spin: (P, 3) angular velocity at
-    qd = q'(s) [rad/s]; jacobian: (P, 6, n) of the origin, linear then angular; to_force: (P, n, 6) generalised force of
-    a wrench about the origin, base rows as in `Dynamics`
+    Attributes:
+        linear_u, linear_x, linear_0, angular_u, angular_x: (P, 3) [m/s^2, rad/s^2].
+        spin: angular velocity at qd = q'(s), (P, 3) [rad/s].
+        jacobian: of the origin, linear then angular, (P, 6, n).
+        to_force: generalised force of a wrench about the origin, base rows as in `Dynamics`, (P, n, 6).
     """
 
     linear_u: Array
@@ -90,11 +98,13 @@ class BodyMotion:
 
 @dataclass(frozen=True)
 class Frames:
-    """Where the frames of interest are in a compiled model.
+    """The numbers of the frames of interest in a compiled model.
 
-    base: number of base coordinates; contacts: number of the body of each environment contact; carrier: number of the
-    carrier's site, None if there is none; holders: several hands that hold the tray, the number of the body and the
-    share of each (6, 6), () for a single tool
+    Attributes:
+        base: number of base coordinates.
+        contacts: number of the body of each environment contact, by name.
+        carrier: number of the carrier's site, None if there is none.
+        holders: several hands that hold the tray, the number of the body and the share of each (6, 6); () for one tool.
     """
 
     base: int
@@ -181,7 +191,7 @@ class _Carrier:
         self._gravity = np.array(model.opt.gravity)
 
     def motion(self, q1: Array) -> CarrierMotion:
-        """Return what was recorded, turned into carrier axes; q1: q'(s) (P, n)."""
+        """Return the recorded motion in carrier axes, for q1 = q'(s) (P, n)."""
         into = self._rotation.transpose(0, 2, 1)
         bias = (self._rates @ q1[None, :, :, None])[..., 0]
         local = [np.concatenate((into @ J[:, :3], into @ J[:, 3:]), axis=1) for J in self._jacobians]

@@ -36,13 +36,18 @@ CARRIER_SITE = "robustopt_carrier"
 
 @dataclass(frozen=True)
 class RobotModel:
-    """A robot read from its file.
+    """A robot read from its file and prepared.
 
-    spec: prepared specification for planning, to be compiled; world_spec: the same with the free joint of a floating
-    base in place of six coordinates, for simulations; original: the model as the file has it, with all joints,
-    actuators and limits; urdf_limits: limits of a URDF that MuJoCo does not keep; notes: what was left out, for people;
-    base: number of coordinates of a floating base, 0 or 6; posture: of a walking robot (n,) [m and rad], else None;
-    contacts: environment contacts by name
+    Attributes:
+        spec: specification for planning, to be compiled.
+        world_spec: the same with the free joint of a floating base in place of six coordinates, for simulations.
+        original: the model as the file has it, with all joints, actuators and limits.
+        file: the model file.
+        urdf_limits: limits of a URDF that MuJoCo does not keep.
+        notes: content of the file that was left out, in words.
+        base: number of coordinates of a floating base, 0 or 6.
+        posture: of a walking robot, (n,) [m and rad], else None.
+        contacts: environment contacts by name.
     """
 
     spec: mujoco.MjSpec
@@ -61,8 +66,8 @@ def load_model(config: Config) -> RobotModel:
     """Read and prepare the robot of a configuration.
 
     Raises:
-        RobotError: if the model cannot be found or read, does not suit the kind of path, or lacks its tool, a joint to
-            lock, or what a walking robot needs: feet, keyframe, no springs
+        RobotError: if the model cannot be found or read, does not suit the path, or lacks its tool or a joint to lock;
+            for a walking robot also if it has springs, or lacks a foot or a keyframe
     """
     file = model_file(config)
     spec, limits, notes = read_model(file)
@@ -101,7 +106,7 @@ def _require_matching_path(config: Config, model: mujoco.MjModel, base: int, fil
     if config.path.steps is not None and not base:
         raise RobotError(
             f"{file} has no free joint, so it cannot walk along path.steps; give a model whose first joint is free, or "
-            "path.tray_poses or path.joints",
+            "another path, such as path.joints",
             key="robot.model",
         )
     if config.path.steps is None and base:
