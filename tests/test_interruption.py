@@ -1,12 +1,12 @@
 """What an interruption must not leave half done, and where it must be heard at once."""
 
+import multiprocessing.resource_tracker
 import os
 import signal
 import subprocess
 import sys
 import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -106,8 +106,8 @@ def test_no_handler_is_left_behind_whenever_an_interruption_comes(step, monkeypa
 @pytest.mark.parametrize("number", interruption.STOPS)
 def test_an_interruption_while_a_command_ends_leaves_no_traceback(number):
     code = (
-        "import signal, sys; from robustopt import cli; sys.argv = ['robustopt', '--version']; "
-        f"cli.end_processes = lambda: signal.raise_signal({int(number)}); cli.main()"
+        "import signal, sys; from robustopt.cli import app; sys.argv = ['robustopt', '--version']; "
+        f"app.end_processes = lambda: signal.raise_signal({int(number)}); app.main()"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (-number, "")
@@ -155,22 +155,11 @@ def test_workers_do_not_hear_the_interruption_of_a_terminal():
             os.kill(pid, 0)
 
 
-class Threads(ThreadPoolExecutor):
-    """Stands for loky's processes."""
-
-    def __init__(self, workers, **_):
-        super().__init__(workers)
-
-    def shutdown(self, wait, kill_workers):
-        super().shutdown(wait)
-
-
-def test_where_signals_cannot_be_blocked_no_tracker_of_posix_is_begun(monkeypatch):
-    """As on Windows, which has none."""
+def test_workers_serve_where_signals_cannot_be_blocked(monkeypatch):
+    """As on Windows, which has no process that tracks resources of POSIX either."""
     end_processes()
     monkeypatch.delattr(signal, "pthread_sigmask")
-    monkeypatch.setattr(processes.resource_tracker, "ensure_running", lambda: pytest.fail("begun"))
-    monkeypatch.setattr("loky.ProcessPoolExecutor", Threads)
+    monkeypatch.setattr(multiprocessing.resource_tracker, "ensure_running", lambda: pytest.fail("begun"))
     assert list(in_processes(abs, [(-1,), (2,)], 2, SimulationFailed)) == [1, 2]
     end_processes()
 

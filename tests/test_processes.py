@@ -1,6 +1,5 @@
 """Worker processes where several calls, threads and processes use them at once, and where they die at a bad moment."""
 
-import multiprocessing.connection
 import os
 import signal
 import subprocess
@@ -13,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from robustopt.errors import SimulationFailed
-from robustopt.processes import begun, end_processes, in_processes
+from robustopt.processes import THREAD, begun, end_processes, in_processes
 
 NUMBERS = list(range(12))
 
@@ -72,12 +71,15 @@ def _dies_in_its_result(number: int, died: Path) -> tuple[int, bytes]:
         return number, b""
     died.touch()
 
-    def write(handle: int, data: bytes) -> int:
-        os.write(handle, data[: len(data) // 2])
-        os.kill(os.getpid(), signal.SIGKILL)
-        return 0
+    write = os.write
 
-    multiprocessing.connection.Connection._send.__defaults__ = (write,)
+    def write_half(pipe: int, data: memoryview) -> int:
+        if len(data) > 1000:
+            write(pipe, data[: len(data) // 2])
+            os.kill(os.getpid(), signal.SIGKILL)
+        return write(pipe, data)
+
+    os.write = write_half
     return number, bytes(30_000)
 
 
@@ -94,7 +96,7 @@ def test_an_interruption_ends_what_waits_for_such_a_worker(tmp_path):
     while not (tmp_path / "died").exists():
         time.sleep(0.05)
     time.sleep(0.2)
-    threads = [thread for thread in threading.enumerate() if thread.name == "ExecutorManagerThread"]
+    threads = [thread for thread in threading.enumerate() if thread.name == THREAD]
     results.close()
     assert threads
     assert not any(thread.is_alive() for thread in threads)
