@@ -12,7 +12,6 @@ import argparse
 import csv
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import as_completed
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -20,14 +19,14 @@ from pathlib import Path
 import numpy as np
 from learner_contenders import OURS, contenders
 from learner_figure import Panel, write_figure
-from loky import ProcessPoolExecutor
 from monotone_problems import HELD_OUT, Array, Problem, problem
 
 from robustopt.confidence import paper_executions, phi
+from robustopt.errors import RobustOptError
 from robustopt.learning.branch_and_bound import BranchAndBound, BranchState
 from robustopt.learning.learner import Executed, Planned
 from robustopt.learning.parameters import Parameter
-from robustopt.processes import cores
+from robustopt.processes import cores, in_processes
 from robustopt.tables import Column, Table, Value, markdown_text
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -266,16 +265,12 @@ def main() -> None:
     def place(run: dict[str, Value]) -> tuple[int, int, int, int]:
         return order.index(run["world"]), run["k"], names.index(run["method"]), run["seed"]
 
-    pool = ProcessPoolExecutor(arguments.workers)
-    try:
-        for number, done in enumerate(as_completed([pool.submit(one_run, *task) for task in tasks]), 1):
-            runs.append(done.result())
-            if number % 50 == 0 or number == len(tasks):
-                runs.sort(key=place)
-                write_runs(runs, path)
-                print(f"{number} of {len(tasks)} runs", flush=True)
-    finally:
-        pool.shutdown(kill_workers=True)
+    for number, run in enumerate(in_processes(one_run, tasks, arguments.workers, RobustOptError), 1):
+        runs.append(run)
+        if number % 50 == 0 or number == len(tasks):
+            runs.sort(key=place)
+            write_runs(runs, path)
+            print(f"{number} of {len(tasks)} runs", flush=True)
     for file in (path, *write_report(runs, arguments.out)):
         print(file)
 

@@ -72,7 +72,7 @@ class _Worker:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             bufsize=0,  # a fork must not copy what is not written yet
-            env={**{name: "1" for name in ALGEBRA}, **os.environ},
+            env={**dict.fromkeys(ALGEBRA, "1"), **os.environ},
             creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),  # where Windows sends no Ctrl-C
         )
         self._thread = threading.Thread(target=self._serve, args=(tasks,), name=THREAD, daemon=True)

@@ -113,6 +113,20 @@ def test_an_interruption_while_a_command_ends_leaves_no_traceback(number):
     assert (done.returncode, done.stderr) == (-number, "")
 
 
+def test_a_command_calls_the_exit_functions_of_libraries_and_then_ends_at_once():
+    """A library may have a temporary folder to remove; none may complain of modules that are gone."""
+    code = (
+        "import atexit, sys; from robustopt.cli import app\n"
+        "class Late:\n"
+        "    def __del__(self): print('late')\n"
+        "def run(arguments):\n"
+        "    atexit.register(print, 'removed'); sys.late = Late(); return 3\n"
+        "app.run = run; app.main()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (3, "removed\n", "")
+
+
 @pytest.mark.parametrize(("error", "told"), [(KeyboardInterrupt(), False), (ValueError("lost"), True)])
 def test_what_cannot_be_raised_is_told_unless_it_is_an_interruption(error, told, listening, capfd):
     class Failing:
