@@ -16,7 +16,8 @@ from several import LEARNERS, Problem, Run, runs
 from table_3 import WAITER
 from table_4 import FRICTIONS
 
-from robustopt.learning.parameters import CostMap, Parameter
+from robustopt.learning.cost_map import CostMap
+from robustopt.learning.parameters import Parameter
 from robustopt.plotting import style
 from robustopt.plotting.plane import TICKS, Plane, plane_figure
 from robustopt.runs.campaign import cost_of

@@ -15,11 +15,12 @@ from typing import ClassVar
 
 import numpy as np
 
+from robustopt.arrays import Array
 from robustopt.learning.branch_and_bound import BranchAndBound, BranchState, Diagonal, Midpoint
 from robustopt.learning.informed import Informed
 from robustopt.learning.learner import Result
 from robustopt.learning.monotone import Knowledge
-from robustopt.learning.parameters import Array, Point
+from robustopt.learning.parameters import Point
 
 DRAWS = 2000
 """Points from which a random one is taken."""

@@ -17,9 +17,10 @@ from several import Problem
 from table_3 import WAITER
 from table_4 import FRICTIONS, WITH_ERROR
 
+from robustopt.arrays import Array
 from robustopt.config import dump
 from robustopt.learning.learner import Belief
-from robustopt.learning.parameters import Array, values
+from robustopt.learning.parameters import values
 from robustopt.runs.beliefs import Planner, learned_from
 from robustopt.runs.executors import Simulated
 from robustopt.solvers.batch import BatchPlanner
