@@ -10,7 +10,7 @@ import pytest
 PACKAGE = Path(__file__).parent.parent / "robustopt"
 
 LAYERS = [
-    ["arrays", "compiled", "errors", "models", "tasks"],
+    ["arrays", "compiled", "errors", "models", "tasks", "worker"],
     ["interruption"],
     ["processes"],
     ["config/document", "config/section"],
@@ -65,6 +65,13 @@ LAYERS = [
     ["certificate"],
     ["confidence"],
     ["simulation"],
+    ["learning/moments", "learning/parameters", "learning/settings", "learning/sequential", "learning/earned"],
+    ["learning/learner"],
+    ["learning/bisection", "learning/acceleration_interval", "learning/ilrobs", "learning/calibrated"],
+    ["learning/monotone", "learning/cost_map", "learning/boundary"],
+    ["learning/branch_and_bound"],
+    ["learning/informed"],
+    ["learning/from_config"],
     ["learning"],
     ["runs/store"],
     ["runs/experiment"],
