@@ -67,7 +67,8 @@ def add_surroundings(spec: mujoco.MjSpec) -> None:
     kind, gradient = mujoco.mjtTexture.mjTEXTURE_SKYBOX, mujoco.mjtBuiltin.mjBUILTIN_GRADIENT
     spec.add_texture(type=kind, builtin=gradient, rgb1=WHITE, rgb2=WHITE, width=8, height=48)
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1.5, 1.5, 1], rgba=FLOOR)
-    spec.worldbody.add_light(pos=[0.2, -0.6, 4.0], diffuse=[0.5] * 3, dir=[0.05, 0.15, -1.0], type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL)
+    sun = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+    spec.worldbody.add_light(type=sun, pos=[0.2, -0.6, 4.0], dir=[0.05, 0.15, -1.0], diffuse=[0.5] * 3)
 
 
 def ground(dots: Array) -> mujoco.MjSpec:
@@ -92,7 +93,9 @@ def scene(config: ro.Config, plan: ro.Plan, q: Array) -> mujoco.MjSpec:
     return spec
 
 
-def add_box(spec: mujoco.MjSpec, size: Sequence[float], position: Array, rotation: Array, colour: Sequence[float]) -> None:
+def add_box(
+    spec: mujoco.MjSpec, size: Sequence[float], position: Array, rotation: Array, colour: Sequence[float]
+) -> None:
     """Add a box of edge lengths `size` (3,) [m] to the world, with a body of its own to tell it from the floor."""
     quaternion = Rotation.from_matrix(rotation).as_quat(scalar_first=True)
     body = spec.worldbody.add_body(pos=position, quat=quaternion)
