@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 import robustopt as ro
 from robustopt.arrays import Array, Flags
-from robustopt.config.geometry import placements
+from robustopt.scene.placement import placements
 
 ROOT = Path(__file__).parents[1]
 WIDTH, HEIGHT = 880, 500
@@ -56,7 +56,7 @@ def main() -> None:
     trajectory = ro.Trajectory.from_plan(plan)
     samples = trajectory.every(PERIOD)
     first = samples.s <= 1.0 / SWEEPS
-    dots, _ = plan.problem.robot.tray_pose(samples.q[first])
+    dots, _ = plan.problem.robot.carrier_pose(samples.q[first])
     poses = plan.problem.path(np.array([0.0, 0.5, 1.0]) / SWEEPS - 1e-9)
     start, middle, end = (render(scene(config, plan, q), q) for q in poses)
     save(blend(render(ground(dots), np.zeros(0), shadows=False), [(start, PALE), (end, PALE), (middle, 1.0)]))
@@ -83,13 +83,13 @@ def ground(dots: Array) -> mujoco.MjSpec:
 def scene(config: ro.Config, plan: ro.Plan, q: Array) -> mujoco.MjSpec:
     """Return the robot with its tray and blocks as they are at the joint positions `q` (n,) [rad]."""
     robot = plan.problem.robot
-    position, rotation = (pose[0] for pose in robot.tray_pose(q[None]))
+    position, rotation = (pose[0] for pose in robot.carrier_pose(q[None]))
     spec = robot.spec.copy()
     add_surroundings(spec)
     add_box(spec, config.tray.size, position, rotation, TRAY)
     for name, placed in placements(config).items():
-        turned = rotation @ Rotation.from_euler("z", placed.yaw).as_matrix()
-        add_box(spec, config.objects[name].size, position + rotation @ placed.position, turned, BLOCKS[name])
+        place = position + rotation @ placed.position
+        add_box(spec, config.objects[name].size, place, rotation @ placed.rotation, BLOCKS[name])
     return spec
 
 

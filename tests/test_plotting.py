@@ -16,7 +16,8 @@ from scenes import FLAT, plan_of, scene
 from scipy.optimize import linprog
 
 from robustopt.certificate import certify
-from robustopt.config import AccelerationError, load_config
+from robustopt.config import AccelerationError
+from robustopt.config.load import load_config
 from robustopt.limits import build_problem
 from robustopt.plotting import contacts_figure, figures, house_style, phase_plane, shares_figure, write_figures
 from robustopt.plotting.joints import joint_figures, joint_quantities
@@ -45,6 +46,7 @@ class Arm:
     """Joints of inertia 1 under a torque of 5 N m, and a load that adds up to 2 N m either way."""
 
     def __init__(self, n):
+        self.n, self.base, self.motors, self.contacts = n, 0, slice(0, None), {}
         self.joint_names = tuple(f"joint{k + 1}" for k in range(n))
         self.hinges = np.ones(n, dtype=bool)
         self.limits = SimpleNamespace(

@@ -9,10 +9,9 @@ from matplotlib.patches import Polygon
 
 from robustopt.arrays import Array
 from robustopt.config import FEET
-from robustopt.path.walking_path import WalkingPath
+from robustopt.path.footsteps import footsteps
 from robustopt.plotting.style import CONTACT_COLOURS, GREY, INK, PALE
 from robustopt.plotting.utilisation import loaded_instants
-from robustopt.robot.walker import Walker
 from robustopt.solvers.contact_forces import ContactForces
 from robustopt.solvers.plan import Plan
 
@@ -64,15 +63,13 @@ def footprints_figure(plan: Plan, forces: ContactForces, title: str) -> Figure:
     Returns:
         The figure.
     """
-    path, robot = plan.problem.path, plan.problem.robot
-    assert isinstance(path, WalkingPath)
-    assert isinstance(robot, Walker)
+    contacts = plan.problem.robot.contacts
     figure = Figure(figsize=(7, 5.4))
     axes = figure.subplots()
-    for k, standing in enumerate(path.footsteps.places):
+    for k, standing in enumerate(footsteps(plan.problem.config).places):
         for name, place in standing.items():
             label = name.replace("_", " ") if k == 0 else None
-            _draw_patch(axes, place.world(robot.contacts[name].points)[:, :2], CONTACT_COLOURS[name], label)
+            _draw_patch(axes, place.world(contacts[name].points)[:, :2], CONTACT_COLOURS[name], label)
     pressure, com = forces.center_of_pressure(), _center_of_mass(plan, forces)
     axes.plot(pressure[:, 0], pressure[:, 1], color=INK, linewidth=0.9, label=COP_LABEL)
     axes.plot(com[:, 0], com[:, 1], color=GREY, linewidth=1.8, label="centre of mass")
@@ -101,6 +98,4 @@ def _draw_patch(axes: Axes, points: Array, colour: str, label: str | None) -> No
 
 def _center_of_mass(plan: Plan, forces: ContactForces) -> Array:
     """Return the centre of mass in the horizontal plane, (M, 2) [m]."""
-    path = plan.problem.path
-    assert isinstance(path, WalkingPath)
-    return np.asarray(path.footsteps.com(forces.s))
+    return np.asarray(footsteps(plan.problem.config).com(forces.s))

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from robustopt.arrays import Array, Flags
 from robustopt.plotting.style import BLUE, CONTACT_COLOURS, GREY, INK, LIMIT_COLOURS, PALE, VERMILLION, joint_unit
-from robustopt.robot import Links
+from robustopt.robot import Robot
 from robustopt.simulation.trace import Trace
 from robustopt.solvers.contact_forces import ContactForces
 
@@ -35,7 +35,7 @@ LOADED = 0.05
 """Part of the largest planned force on a contact below which its friction and centre of pressure mean nothing."""
 
 
-def trials_figure(traces: Sequence[Trace], robot: Links, title: str) -> Figure:
+def trials_figure(traces: Sequence[Trace], robot: Robot, title: str) -> Figure:
     """Draw slip and tilt of all held bodies and the tracking error of the joints over time, one column per trial.
 
     Args:
@@ -56,8 +56,7 @@ def trials_figure(traces: Sequence[Trace], robot: Links, title: str) -> Figure:
         axis.set_ylim(0, factor * _top(traces, kind))
     largest = max(np.abs(trace.tracking_error[_before_failure(trace)]).max(initial=1e-9) for trace in traces)
     axes[2, 0].set_ylim(-1.3e3 * largest, 1.3e3 * largest)
-    driven = robot.hinges[len(robot.hinges) - len(traces[0].joint_names) :]
-    axes[2, 0].set_ylabel(f"tracking error [{joint_unit('mrad', driven)}]")
+    axes[2, 0].set_ylabel(f"tracking error [{joint_unit('mrad', robot.hinges[robot.motors])}]")
     for row in (0, 2):
         axes[row, -1].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     figure.suptitle(title, x=0.01, ha="left")
@@ -79,7 +78,7 @@ def _draw_trial(axes: Sequence[Axes], trace: Trace, joints: Sequence[int]) -> No
         _mark(axis, trace)
 
 
-def accelerations_figure(trace: Trace, robot: Links, title: str) -> Figure:
+def accelerations_figure(trace: Trace, robot: Robot, title: str) -> Figure:
     """Draw the low-passed acceleration of a trial against the plan, one row per coordinate that the plan moves.
 
     Args:

@@ -18,7 +18,7 @@ from robustopt.plotting.phase_plane import phase_plane
 from robustopt.plotting.shares import shares_figure
 from robustopt.plotting.style import house_style, save
 from robustopt.plotting.utilisation import Utilisation, contacts_figure, environment_utilisation
-from robustopt.robot import Links
+from robustopt.robot import Robot
 from robustopt.simulation.trace import Trace
 from robustopt.solvers.contact_forces import planned_forces
 from robustopt.solvers.plan import Plan
@@ -43,7 +43,7 @@ def write_figures(plan: Plan, config: Config, folder: Path, certificate: Certifi
         return _write(figures(plan, config, certificate), folder)
 
 
-def write_execution_figures(config: Config, traces: Sequence[Trace], robot: Links, folder: Path) -> list[Path]:
+def write_execution_figures(config: Config, traces: Sequence[Trace], robot: Robot, folder: Path) -> list[Path]:
     """Write the figures of trials as SVG and PNG.
 
     Args:
@@ -112,7 +112,7 @@ def _contact_figures(plan: Plan, config: Config, title: str, certificate: Certif
     drawn: dict[str, Figure] = {}
     utilisation: dict[str, Utilisation] = {}
     notes = []
-    if config.walks:
+    if plan.problem.robot.contacts:
         forces = planned_forces(plan)
         drawn = {"feet": forces_figure(plan, forces, title), "footprints": footprints_figure(plan, forces, title)}
         utilisation |= environment_utilisation(config, forces)

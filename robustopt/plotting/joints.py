@@ -70,7 +70,8 @@ def joint_figures(plan: Plan, title: str) -> list[Figure]:
         Figures with one row per quantity and one column per joint, `JOINTS_PER_FIGURE` joints each.
     """
     times, quantities = joint_quantities(plan)
-    driven = np.flatnonzero(np.isfinite(plan.problem.robot.limits.torque)).tolist()
+    robot = plan.problem.robot
+    driven = list(range(robot.n)[robot.motors])
     groups = [driven[k : k + JOINTS_PER_FIGURE] for k in range(0, len(driven), JOINTS_PER_FIGURE)]
     return [_figure(plan, times, quantities, group, title) for group in groups]
 
@@ -98,7 +99,7 @@ def joint_quantities(plan: Plan) -> tuple[Array, list[Quantity]]:
         Quantity("velocity", motion.qd, -limits.velocity, limits.velocity),
         _acceleration(plan, motion.qdd),
     ]
-    if plan.problem.config.walks:
+    if plan.problem.robot.contacts:
         planned = planned_forces(plan).torque[1:-1]
         quantities.append(Quantity("torque", planned, -limits.torque, limits.torque))
     else:
