@@ -102,7 +102,8 @@ def contacts_figure(
         axes.plot(used.t, np.minimum(used.slip, FAR), color=colour, label=label)
         if not used.shared:
             axes.plot(used.t, np.minimum(used.tipping, FAR), color=ORANGE, label="tipping")
-        axes.set_title(name + (f", worst case {100 * worst[name]:.1f} %" if worst and name in worst else ""))
+        case = f", worst case {100 * worst[name]:.1f} %" if worst and name in worst else ""
+        axes.set_title(name.replace("_", " ") + case)
     curves = np.concatenate([curve for used in utilisation.values() for curve in (used.slip, used.tipping)])
     rows[0].set_ylim(0, 1.08 * max(1.0, float(np.nanmax(np.minimum(curves, FAR)))))
     times = next(iter(utilisation.values())).t
