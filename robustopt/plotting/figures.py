@@ -115,7 +115,7 @@ def _contact_figures(plan: Plan, config: Config, title: str, certificate: Certif
     if plan.problem.robot.contacts:
         forces = planned_forces(plan)
         drawn = {"feet": forces_figure(plan, forces, title), "footprints": footprints_figure(plan, forces, title)}
-        utilisation |= environment_utilisation(config, forces)
+        utilisation |= environment_utilisation(plan.problem.limits.uncertainty.worst_friction, forces)
         notes.append("planned forces at the least friction")
     if config.objects:
         times, used = interface_utilisation(config, plan)

@@ -9,8 +9,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from robustopt.arrays import Array, Flags
-from robustopt.config import Config
-from robustopt.limits.uncertainty import friction
 from robustopt.plotting.style import BLUE, GREEN, INK, ORANGE
 from robustopt.solvers.contact_forces import ContactForces
 
@@ -41,7 +39,7 @@ class Utilisation(NamedTuple):
         return bool(np.isnan(self.tipping).all())
 
 
-def environment_utilisation(config: Config, forces: ContactForces) -> dict[str, Utilisation]:
+def environment_utilisation(friction: Mapping[str, float], forces: ContactForces) -> dict[str, Utilisation]:
     """Return the utilisation of each contact with the environment by the planned forces.
 
     The used part of the friction is |f_t| / (mu f_n). The used part of the patch is the share of the way from its
@@ -49,17 +47,17 @@ def environment_utilisation(config: Config, forces: ContactForces) -> dict[str, 
     contact carries no load.
 
     Args:
-        config: The configuration of the plan.
+        friction: Coefficient of friction by contact.
         forces: The planned contact forces.
 
     Returns:
         The utilisation by contact.
     """
-    mu, used = friction(config), {}
+    used = {}
     for name, loaded in loaded_instants(forces).items():
         force = forces.pressed(name)
         with np.errstate(invalid="ignore", divide="ignore"):
-            slip = np.hypot(force[:, 0], force[:, 1]) / (mu[name] * force[:, 2])
+            slip = np.hypot(force[:, 0], force[:, 1]) / (friction[name] * force[:, 2])
             tipping = _way_to_edge(forces, name)
         used[name] = Utilisation(forces.t, np.where(loaded, slip, np.nan), np.where(loaded, tipping, np.nan))
     return used
