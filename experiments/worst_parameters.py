@@ -2,8 +2,8 @@
 
 Masses, centres of mass and joint acceleration errors enter the wrenches exactly, squares and products included; each
 contact point is displaced by itself, and the friction cone of every displaced patch is built anew. The result is a
-lower bound of the worst case. So the fastest timing that satisfies all cases ever found is a lower bound of the duration
-of the best robust plan.
+lower bound of the worst case, so the fastest timing that satisfies all cases ever found bounds the duration of the
+best robust plan from below.
 """
 
 from __future__ import annotations
