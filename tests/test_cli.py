@@ -52,7 +52,7 @@ def test_plan_writes_a_whole_run_folder_and_prints_its_summary(run, tmp_path):
     assert summary["certificate"]["passed"] is True
     assert sum(summary["binding"].values()) == pytest.approx(1.0)
     assert f"waiter-two-blocks: solved; the motion takes {summary['duration']:.4f} s, planned by ipopt" in out
-    for said in ("What binds", "Certificate", "passed", next(iter(summary["binding"])), folder.name):
+    for said in ("Binding limits", "Certificate", "passed", next(iter(summary["binding"])), folder.name):
         assert said in out
     stored = load_config(folder / "config.yaml")
     assert (stored.seed, stored.solver.collocation_points, stored.output.period) == (3, 90, 0.01)

@@ -5,9 +5,9 @@ Every figure is a `matplotlib.figure.Figure`; nothing here touches pyplot or the
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from matplotlib.figure import Figure
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from robustopt.certificate import Certificate
     from robustopt.config import Config
     from robustopt.robot import Links
+    from robustopt.runs.records import Iteration
     from robustopt.simulation.trace import Trace
     from robustopt.solvers.plan import Plan
 
@@ -81,9 +82,7 @@ def write_execution_figures(config: Config, traces: Sequence[Trace], robot: Link
         return [path for name, figure in drawn.items() for path in save(figure, folder, name)]
 
 
-def write_learning_figure(
-    records: Sequence[Mapping[str, Any]], target_rate: float, title: str, folder: Path
-) -> list[Path]:
+def write_learning_figure(records: Sequence[Iteration], target_rate: float, title: str, folder: Path) -> list[Path]:
     """Write the figure of a learner's plans, see `learning_figure`, into a folder that is made if it is missing."""
     folder.mkdir(parents=True, exist_ok=True)
     with house_style():

@@ -21,8 +21,8 @@ FAR = 2.0
 """Utilisations beyond this, up to that of an object that lifts off, which is infinite, are drawn here."""
 
 
-def shares_figure(shares: Mapping[str, float], title: str) -> Figure:
-    """Horizontal bars: the share of the duration in which each limit binds, largest at the top."""
+def shares_figure(shares: Mapping[str, float], title: str, of: str = "duration") -> Figure:
+    """Draw horizontal bars of shares of a whole, e.g. of the duration in which each limit binds, from the top."""
     colours = limit_colours(shares)
     shown = dict(list(shares.items())[:MOST_BARS])
     rest = sum(shares.values()) - sum(shown.values())
@@ -39,9 +39,9 @@ def shares_figure(shares: Mapping[str, float], title: str) -> Figure:
     axes.set_yticks(range(len(shown)), list(shown))
     axes.set_ylim(len(shown) - 0.5, -0.5)
     axes.tick_params(axis="y", length=0)
-    axes.set_xlim(0, 1.15 * max(shown.values()))
+    axes.set_xlim(0, 1.15 * max(shown.values(), default=1.0))
     axes.xaxis.set_major_formatter(lambda share, _: f"{100 * share:.0f} %")
-    axes.set_xlabel("share of the duration")
+    axes.set_xlabel(f"share of the {of}")
     axes.set_title(title)
     return figure
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from robustopt.config import BASE_COORDINATES as BASE
 from robustopt.config import FEET
-from robustopt.errors import ProblemInfeasible
+from robustopt.errors import Infeasible
 from robustopt.limits.load_sharing import distribute, willingness
 from robustopt.limits.walking import StandingTorque
 from robustopt.path.walking_path import WalkingPath
@@ -94,9 +94,9 @@ class ContactForces:
 
 
 def planned_forces(plan: Plan) -> ContactForces:
-    """Contact forces of a plan of a robot on its feet. Raises ProblemInfeasible for a plan that was not found."""
+    """Contact forces of a plan of a robot on its feet. Raises Infeasible for a plan that was not found."""
     if plan.x.size == 0:
-        raise ProblemInfeasible(f"There are no forces: {plan.message}")
+        raise Infeasible(f"There are no forces: {plan.message}")
     problem = plan.problem
     torque, path = problem.limits.torque, problem.path
     assert isinstance(torque, StandingTorque)
