@@ -293,6 +293,6 @@ def replayed(learner: Learner[Any], journal: Journal) -> Any:
 def _require(fits: bool, plan: int) -> None:
     if not fits:
         raise RunFolderError(
-            f"the journal does not fit this task: the learner does not ask for plan {plan} of it; "
+            f"the journal does not fit this task: plan {plan} in it is none that the learner asks for; "
             "expected the journal of the same configuration and the same version of robustopt"
         )
