@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from robustopt.certificate import Worst as Worst
     from robustopt.certificate import certify as certify
     from robustopt.config import Config as Config
-    from robustopt.config import load_config as load_config
-    from robustopt.config import with_values as with_values
+    from robustopt.config.load import load_config as load_config
+    from robustopt.config.load import with_values as with_values
     from robustopt.errors import ConfigError as ConfigError
     from robustopt.errors import ConfigProblem as ConfigProblem
     from robustopt.errors import Infeasible as Infeasible
@@ -65,7 +65,8 @@ __version__ = "0.1.0"
 
 _NAMES = {
     "robustopt.certificate": ("Certificate", "Margin", "Worst", "certify"),
-    "robustopt.config": ("Config", "load_config", "with_values"),
+    "robustopt.config": ("Config",),
+    "robustopt.config.load": ("load_config", "with_values"),
     "robustopt.errors": (
         "ConfigError", "ConfigProblem", "Infeasible", "PathError", "RobotError", "RobustOptError", "RunFolderError",
         "RunInUse", "SimulationFailed", "SolverFailed",

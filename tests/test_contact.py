@@ -10,11 +10,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import G, bang_bang, plan_of, scene, waiter
-from scipy.optimize import linprog
-
-from robustopt.config.geometry import erode, rectangle, regular_polygon, rotation
-from robustopt.limits import build_problem
 from robustopt.limits.contact import (
     ContactSystem,
     about_point,
@@ -27,6 +22,11 @@ from robustopt.limits.contact import (
 )
 from robustopt.limits.rows import evaluate
 from robustopt.solvers.inner_lp import ForceProgram, missing_rows
+from scenes import G, bang_bang, plan_of, scene, waiter
+from scipy.optimize import linprog
+
+from robustopt.geometry import erode, rectangle, regular_polygon, rotation
+from robustopt.limits import build_problem
 from robustopt.solvers.plan import interval_ends
 
 SQUARE = rectangle(np.zeros(2), np.array([0.1, 0.1]))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
-from robustopt.config import load_config, located
+from robustopt.config.load import load_config, located
 from robustopt.errors import ConfigError, RobotError
 
 CONFIGS = Path(__file__).parents[1] / "configs"

@@ -11,11 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from reference_solvers import copp_duration, shortest_possible, toppra_duration
+from robustopt.limits.rows import evaluate
 from scenes import BOX, FLAT, WAITERS, bang_bang, duration, plan_of, residual, scene, waiter
 
-from robustopt.config import Config, with_values
+from robustopt.config import Config
+from robustopt.config.load import with_values
 from robustopt.limits import TimeScalingProblem, build_problem
-from robustopt.limits.rows import evaluate
 from robustopt.solvers import Plan, Status, solve
 from robustopt.solvers.plan import duration_of, interval_ends, timing
 from robustopt.solvers.reachability import passes, solve_reachability

@@ -48,7 +48,7 @@ def check_task(config: Config, silent: bool) -> None:
 
 def print_dry_run(config: Config, output: Output) -> int:
     """Print the resolved configuration and the size of its problem."""
-    from robustopt.config import dump, resolved
+    from robustopt.config.load import dump, resolved
     from robustopt.limits import build_problem
     from robustopt.runs.plan_run import problem_size
 

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from robustopt.config import Config, dump
+from robustopt.config import Config
+from robustopt.config.load import dump
 from robustopt.errors import RunFolderError
 from robustopt.runs.beliefs import Planner
 from robustopt.runs.campaign import Learned, made_again

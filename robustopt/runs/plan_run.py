@@ -12,7 +12,6 @@ import numpy as np
 
 from robustopt.certificate import Certificate, certify
 from robustopt.config import Config
-from robustopt.config.geometry import patches
 from robustopt.limits import TimeScalingProblem, build_problem
 from robustopt.runs.origin import write_origin
 from robustopt.runs.records import (
@@ -24,6 +23,7 @@ from robustopt.runs.records import (
     Summary,
 )
 from robustopt.runs.store import SUMMARY, write_record
+from robustopt.scene.patches import patches
 from robustopt.solvers import Plan, Status, solve
 from robustopt.solvers.diagnosis import Diagnosis, diagnose
 from robustopt.solvers.trajectory import binding_shares
@@ -90,7 +90,7 @@ def plan_task(config: Config, certify_with: Effort = "quick") -> PlanResult:
 def problem_size(problem: TimeScalingProblem) -> ProblemSize:
     """Return the size of a problem: grid, rows before and after redundant ones are removed, contacts."""
     systems = [family.system for family in problem.limits.contacts]
-    facets = sum(0 if system.facets is None else len(system.facets) for system in systems)
+    facets = sum(len(system.facets) for system in systems)
     rows = 2 * problem.robot.n + problem.limits.torque.B.shape[1] + facets
     return ProblemSize(
         collocation_points=problem.config.solver.collocation_points,
@@ -100,7 +100,7 @@ def problem_size(problem: TimeScalingProblem) -> ProblemSize:
         rows_after_pruning=int(np.count_nonzero((problem.a != 0) | (problem.b != 0))),
         joints=problem.robot.n,
         objects=len(problem.config.objects),
-        interfaces=len(problem.config.interfaces) if problem.config.walks else len(patches(problem.config)),
+        interfaces=len(problem.config.environment_contacts) + len(patches(problem.config)),
         contact_systems=len(systems),
         generators=sum(system.generators.shape[1] for system in systems),
     )
