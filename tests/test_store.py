@@ -216,7 +216,7 @@ def test_the_origin_says_what_it_takes_to_run_again(tmp_path):
 
 def test_the_stored_configuration_plans_the_same_task(tmp_path):
     write_origin(tmp_path, config(), [])
-    with pytest.raises(Exception, match="exactly one of tray_poses, joints and steps"):
+    with pytest.raises(Exception, match="exactly one of tray_poses, tool_poses, joints and steps"):
         load_config(tmp_path / CONFIG)
     again = load_config(tmp_path / CONFIG, ["path={joints: [[0, 0], [1, 1]]}"])
     assert again.seed == 7
