@@ -28,7 +28,7 @@ class RobustOptError(Exception):
 
 @dataclass(frozen=True)
 class ConfigProblem:
-    """One mistake in a configuration: its key, a message that says what to write instead, and its place in the file."""
+    """One mistake in a configuration: its key, a message with the remedy, and its place in the file."""
 
     key: str
     message: str

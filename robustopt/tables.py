@@ -112,7 +112,8 @@ def write_table(table: Table, folder: Path, name: str, above: str = "", below: s
         table: the table.
         folder: made if it is missing.
         name: of the files.
-        above, below: Markdown paragraphs around the table.
+        above: Markdown paragraphs above the table.
+        below: Markdown paragraphs below it.
 
     Returns:
         The files.

@@ -103,7 +103,7 @@ def common(
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="print the version")
     ] = False,
 ) -> None:
-    """Options before the command."""
+    """Read the options before the command."""
 
 
 @app.command()
@@ -320,7 +320,7 @@ def _told(error: Exception, json: bool) -> int:
     if isinstance(error, OSError):
         found = error.filename or "the output of the command cannot be written"
         in_words = f"{found}: {error.strerror or error}"
-        return fail("OSError", in_words, 2, json=False)  # not to standard output, which may be what failed
+        return fail("OSError", in_words, 2, json=False)  # standard output may have failed itself
     message = getattr(error, "format_message", None)
     if message is None:
         raise error

@@ -32,7 +32,7 @@ def load_config(source: Source, overrides: Sequence[str] = (), folder: str | Pat
         The configuration, checked.
 
     Raises:
-        ConfigError: every mistake of the source and the overrides, with its place, and what to write instead.
+        ConfigError: every mistake of the source and the overrides, with its place and its remedy.
     """
     file = _file(source)
     if folder is None:

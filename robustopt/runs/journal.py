@@ -171,7 +171,7 @@ class Journal:
         if self._path is not None and not self._path.exists():  # SQLite goes on writing to the file that it holds
             raise RunFolderError(
                 f"{self._path}: was moved or removed while its run was at work; "
-                "robustopt learn --resume --out FOLDER continues the run in the folder where it is now"
+                "robustopt learn --resume --out FOLDER continues the run in its present folder"
             )
 
     @property

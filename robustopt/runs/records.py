@@ -69,7 +69,7 @@ class RunStatus(StrEnum):
 
     @property
     def good(self) -> bool:
-        """Whether the run has what it was made for."""
+        """Whether the run reached its purpose."""
         return self.exit_code == 0
 
 
@@ -168,7 +168,7 @@ class DiagnosisRecord(Record):
 
 
 class FirstFailure(Record):
-    """Earliest failure of all trials: which trial, how, of which object or joint, when [s] and where on the path."""
+    """Earliest failure of all trials: its trial, its kind, the object or joint, its time [s] and its place on the path."""
 
     trial: int
     status: str
@@ -208,7 +208,7 @@ class ExecutionsRecord(Record):
 
 
 class Iteration(Record):
-    """One plan of a learner: what it was planned for, how its executions ended, what is known after it.
+    """One plan of a learner: its nominal values, the end of its executions, and the knowledge after it.
 
     Attributes:
         friction: nominal coefficient of friction, None if the learner leaves it alone.
