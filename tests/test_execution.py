@@ -16,7 +16,7 @@ from robustopt import processes
 from robustopt.confidence import clopper_pearson
 from robustopt.config import DisturbanceConfig, ExecutionConfig, TruthConfig
 from robustopt.config.load import with_values
-from robustopt.errors import ConfigError, ProblemInfeasible, SimulationFailed
+from robustopt.errors import ConfigError, Infeasible, SimulationFailed
 from robustopt.learning.moments import Moments
 from robustopt.processes import cores
 from robustopt.simulation import Status, Workers, execute, monte_carlo
@@ -677,7 +677,7 @@ def test_a_plan_of_another_task_is_refused(slide):
 
 def test_a_task_without_a_plan_is_refused():
     config = scene(objects={"body": FLAT}, contact={"friction": 0.1}, gravity=[0.0, 5.0, -9.81])
-    with pytest.raises(ProblemInfeasible):
+    with pytest.raises(Infeasible):
         execute(config, plan_of(config), trials=1)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +19,11 @@ from robustopt.solvers import Plan
 from robustopt.solvers.contact_forces import planned_forces
 from robustopt.solvers.plan import controls_of
 from robustopt.solvers.trajectory import Trajectory
+from robustopt.views import view
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
 
 MOST_STEPS = 1_000_000
 """Time steps of a trial; twice as many would take some 4 GB of memory (our choice)."""
@@ -77,6 +83,17 @@ class Executions:
         found = [outcome.status for outcome in self.outcomes]
         return {status: found.count(status) for status in Status if status in found}
 
+    def to_frame(self) -> DataFrame:
+        """Return the trials as a table, one row each, with the columns of `executions.csv`."""
+        return view("robustopt.frames.executions_frame", self)
+
+    def plot(self) -> Figure:
+        """Return a figure of the share of trials that ended in each status."""
+        return view("robustopt.plotting.views.executions_figure", self)
+
+    def _repr_html_(self) -> str:
+        return view("robustopt.frames.executions_html", self)
+
 
 def execute(
     config: Config,
@@ -105,7 +122,7 @@ def execute(
         progress: called with the trials done, those asked for and the successes, after every chunk.
 
     Raises:
-        ProblemInfeasible: the plan is empty.
+        Infeasible: the plan is empty.
         ConfigError: the plan is of another task, or a key of `execution` does not fit the robot.
         SimulationFailed: the plan is not finite, or worker processes died again and again.
     """
