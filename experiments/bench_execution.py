@@ -19,7 +19,7 @@ import numpy as np
 from mujoco import rollout
 from timing import interleaved, machine_facts
 
-from robustopt.config import load_config
+from robustopt.config.load import load_config
 from robustopt.processes import cores
 from robustopt.simulation import execute
 from robustopt.simulation.controller import gains_of, reference

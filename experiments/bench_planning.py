@@ -26,7 +26,8 @@ from bench_report import HELP, NOTHING, PLAN, write_report
 from figure_3 import PAPER_FIGURE_3
 from timing import interleaved, machine_facts, spread
 
-from robustopt.config import Config, load_config
+from robustopt.config import Config
+from robustopt.config.load import load_config
 from robustopt.errors import RobustOptError
 from robustopt.limits import TimeScalingProblem, build_rows
 from robustopt.path import build_path

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from worst_parameters import tightness
 
-from robustopt.config import load_config
+from robustopt.config.load import load_config
 from robustopt.limits import build_rows
 from robustopt.path import build_path
 from robustopt.robot import load_robot

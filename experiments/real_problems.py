@@ -17,7 +17,7 @@ from several import Problem
 from table_3 import WAITER
 from table_4 import FRICTIONS, WITH_ERROR
 
-from robustopt.config import dump
+from robustopt.config.load import dump
 from robustopt.learning.learner import Belief
 from robustopt.learning.parameters import Array, values
 from robustopt.runs.beliefs import Planner, learned_from

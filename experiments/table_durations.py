@@ -15,7 +15,7 @@ from pathlib import Path
 
 from learned import Bench
 
-from robustopt.config import load_config
+from robustopt.config.load import load_config
 from robustopt.limits import TimeScalingProblem, build_rows
 from robustopt.path import build_path
 from robustopt.robot import load_robot

@@ -14,13 +14,16 @@ from itertools import product
 
 import numpy as np
 
-from robustopt.config import Config, with_values
-from robustopt.config.geometry import Patch, convex_hull, patches, placements, rotation
+from robustopt.config import Config
+from robustopt.config.load import with_values
+from robustopt.geometry import convex_hull, rotation
 from robustopt.limits import TimeScalingProblem
 from robustopt.limits.contact import about_point, patch_facets
 from robustopt.limits.polygons import Family, facet_family
 from robustopt.limits.rows import PathMotion, TorqueFamily, evaluate
 from robustopt.limits.uncertainty import INERTIA_TERMS, acceleration_error, bodies, contact_shift, friction
+from robustopt.scene.patches import Patch, patches
+from robustopt.scene.placement import placements
 from robustopt.solvers import Plan, Status
 from robustopt.solvers.plan import interval_ends
 from robustopt.solvers.reachability import solve_reachability
@@ -177,7 +180,7 @@ def torque(problem: TimeScalingProblem, box: Box) -> Limit:
 
 def _facets(config: Config, patch: Patch, corners: Array, mu: float) -> Array:
     corners = convex_hull(corners)
-    centre = np.append(corners.mean(axis=0), patch.z)
+    centre = np.append(corners.mean(axis=0), patch.origin[2])
     return patch_facets(corners - centre[:2], mu, config.contact.cone_edges) @ about_point(centre)
 
 
@@ -186,7 +189,7 @@ def _displaced(patch: Patch, shift: float, rng: np.random.Generator) -> Iterator
     if shift == 0.0:
         yield patch.polygon
         return
-    turn = rotation(patch.yaw)
+    turn = rotation(patch.turn)
     inwards = np.sign(np.round((patch.polygon.mean(axis=0) - patch.polygon) @ turn, 9))
     moves = [np.broadcast_to(move, patch.polygon.shape) for move in product((-1.0, 1.0), repeat=2)] + [inwards]
     moves += [rng.choice([-1.0, 1.0], size=patch.polygon.shape) for _ in range(DISPLACEMENTS)]

@@ -13,8 +13,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from robustopt.config import Config
-from robustopt.config.geometry import placements
 from robustopt.limits import TimeScalingProblem
+from robustopt.scene.placement import placements
 
 STEP = 2e-4
 """Time step of the finite differences [s]: errors of 1e-7 of the accelerations met here."""

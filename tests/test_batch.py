@@ -12,7 +12,8 @@ import pytest
 
 import robustopt as ro
 from robustopt import batch
-from robustopt.config import Config, load_config, with_values
+from robustopt.config import Config
+from robustopt.config.load import load_config, with_values
 from robustopt.errors import ConfigError, SolverFailed
 from robustopt.limits import build_problem
 from robustopt.processes import end_processes, in_processes

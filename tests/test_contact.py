@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scenes import G, bang_bang, plan_of, scene, waiter
 from scipy.optimize import linprog
 
-from robustopt.config.geometry import erode, rectangle, regular_polygon, rotation
+from robustopt.geometry import erode, rectangle, regular_polygon, rotation
 from robustopt.limits import build_problem
 from robustopt.limits.contact import (
     ContactSystem,

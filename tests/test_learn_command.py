@@ -18,7 +18,7 @@ from learning_tasks import remember_plans, task
 from rich.console import Console
 
 from robustopt import report, terminal
-from robustopt.config import dump, load_config
+from robustopt.config.load import dump, load_config
 from robustopt.errors import RunFolderError, SolverFailed
 from robustopt.interruption import interruptions, on_interrupt
 from robustopt.runs import beliefs, executors, learning_run, learning_table

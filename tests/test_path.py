@@ -13,7 +13,8 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 import robustopt.path
-from robustopt.config import Config, PathConfig, load_config
+from robustopt.config import Config, PathConfig
+from robustopt.config.load import load_config
 from robustopt.errors import PathError, RobotError
 from robustopt.path import build_path
 from robustopt.path.collision import CollisionCheck

@@ -16,7 +16,8 @@ from scenes import FLAT, plan_of, scene
 from scipy.optimize import linprog
 
 from robustopt.certificate import certify
-from robustopt.config import AccelerationError, load_config
+from robustopt.config import AccelerationError
+from robustopt.config.load import load_config
 from robustopt.limits import build_problem
 from robustopt.plotting import contacts_figure, figures, house_style, phase_plane, shares_figure, write_figures
 from robustopt.plotting.joints import joint_figures, joint_quantities

@@ -16,7 +16,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import waiter
 
-from robustopt.config.geometry import patches
 from robustopt.limits import TimeScalingProblem, build_problem
 from robustopt.limits.contact import patch_facets
 from robustopt.limits.polygons import (
@@ -34,6 +33,7 @@ from robustopt.limits.polygons import (
 )
 from robustopt.limits.rows import evaluate
 from robustopt.limits.uncertainty import friction
+from robustopt.scene.patches import patches
 
 EXPERIMENTS = Path(__file__).parents[1] / "experiments"
 KINDS = ("friction", "joint_acceleration", "contact_points", "center_of_mass", "mass")
@@ -271,7 +271,7 @@ def worst_contact(
         motion = mechanics.tray_motion(problem, point, u, x, draw.error)
         for patch in patches(config):
             corners = patch.polygon + move
-            centre = np.append(corners.mean(axis=0), patch.z)
+            centre = np.append(corners.mean(axis=0), patch.origin[2])
             facets = patch_facets(corners - centre[:2], lowest[patch.object], config.contact.cone_edges)
             names = [patch.object] if patch.object == "upper" else ["lower", "upper"]
             wrench = mechanics.required_wrench(config, names, draw, motion, centre)

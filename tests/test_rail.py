@@ -13,9 +13,10 @@ from scipy.optimize import linprog
 from walkers import believing, walker_of
 
 from robustopt.certificate import certify
-from robustopt.config import Config, load_config, with_values
-from robustopt.config.geometry import common_direction, contact_axes
+from robustopt.config import Config
+from robustopt.config.load import load_config, with_values
 from robustopt.errors import ConfigError, PathError, RobotError
+from robustopt.geometry import common_direction, contact_axes
 from robustopt.limits import TimeScalingProblem, build_problem
 from robustopt.limits.walking import StandingTorque
 from robustopt.path.walking_path import WalkingPath

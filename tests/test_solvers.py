@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from reference_solvers import copp_duration, shortest_possible, toppra_duration
 from scenes import BOX, FLAT, WAITERS, bang_bang, duration, plan_of, residual, scene, waiter
 
-from robustopt.config import Config, with_values
+from robustopt.config import Config
+from robustopt.config.load import with_values
 from robustopt.limits import TimeScalingProblem, build_problem
 from robustopt.limits.rows import evaluate
 from robustopt.solvers import Plan, Status, solve

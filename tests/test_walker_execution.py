@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from robustopt.cli import run
-from robustopt.config import Config, load_config, with_values
+from robustopt.config import Config
+from robustopt.config.load import load_config, with_values
 from robustopt.errors import ConfigError
 from robustopt.learning.learner import Belief
 from robustopt.learning.moments import ErrorInterval

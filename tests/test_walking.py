@@ -16,7 +16,8 @@ from walkers import believing, walker_of
 
 from robustopt.certificate import certify
 from robustopt.cli import run
-from robustopt.config import Config, load_config, with_values
+from robustopt.config import Config
+from robustopt.config.load import load_config, with_values
 from robustopt.errors import ConfigError, PathError, RobotError
 from robustopt.learning.learner import Belief
 from robustopt.limits import TimeScalingProblem, build_problem

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from robustopt.config import with_values
+from robustopt.config.load import with_values
 from robustopt.limits import TimeScalingProblem, build_rows
 from robustopt.robot.walker import Walker
 

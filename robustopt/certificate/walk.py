@@ -13,7 +13,7 @@ from robustopt.certificate.motion import Instants
 from robustopt.certificate.tally import Found, Tally
 from robustopt.config import BASE_COORDINATES as BASE
 from robustopt.config import Config
-from robustopt.config.geometry import common_direction, contact_axes
+from robustopt.geometry import common_direction, contact_axes
 from robustopt.path.footsteps import Place, Stance
 from robustopt.path.walking_path import WalkingPath
 from robustopt.robot.walker import Walker

@@ -17,7 +17,8 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from robustopt.config import Config
-from robustopt.config.geometry import Patch, eroded, patches, supports
+from robustopt.scene.patches import Patch, eroded, patches
+from robustopt.scene.placement import supports
 
 Array = np.ndarray
 
@@ -231,15 +232,8 @@ def contact_systems(
         by that square: every displaced patch contains the eroded one, which for a rectangle is itself a
         displaced patch, so the bound is sound, and exact for rectangles (our choice).
     """
-    eroded = tuple(_eroded(patch, shift.get(patch.object, 0.0)) for patch in patches(config))
-    return tuple(_system(config, group, eroded, friction) for group in _groups(config))
-
-
-@lru_cache(maxsize=256)
-def _eroded(patch: Patch, shift: float) -> Patch:
-    if shift == 0.0:
-        return patch
-    return replace(patch, polygon=eroded(patch, shift))
+    left = tuple(eroded(patch, shift.get(patch.object, 0.0)) for patch in patches(config))
+    return tuple(_system(config, group, left, friction) for group in _groups(config))
 
 
 def carried(config: Config, name: str) -> tuple[str, ...]:
@@ -318,7 +312,7 @@ def _load(config: Config, name: str, group: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _corners(patch: Patch) -> Array:
-    return np.column_stack([patch.polygon, np.full(len(patch.polygon), patch.z)])
+    return patch.points
 
 
 def _facets(patch: Patch, mu: float, edges: int) -> tuple[Array, Array] | None:
@@ -336,6 +330,6 @@ def _facets(patch: Patch, mu: float, edges: int) -> tuple[Array, Array] | None:
 @lru_cache(maxsize=256)
 def _local_cone(patch: Patch, edges: int) -> tuple[Array, Array, UnitCone | None]:
     """Centre of a patch (3,) in the tray frame, the patch about it (n, 2), and its unit cone."""
-    centre = np.append(patch.polygon.mean(axis=0), patch.z)
+    centre = np.append(patch.polygon.mean(axis=0), patch.origin[2])
     local = patch.polygon - centre[:2]
     return centre, local, _cone(local, edges)

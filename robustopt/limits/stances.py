@@ -14,8 +14,8 @@ from functools import lru_cache
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from robustopt.config.geometry import RESOLUTION, area, common_direction, contact_axes, erode
 from robustopt.errors import ConfigError
+from robustopt.geometry import RESOLUTION, area, common_direction, contact_axes, erode
 from robustopt.limits.contact import ContactSystem, about_point, patch_facets, tips, wrench_generators
 from robustopt.path.footsteps import Stance
 

@@ -17,8 +17,8 @@ from functools import lru_cache
 import numpy as np
 
 from robustopt.config import BASE_COORDINATES, Config, ObjectConfig, TrayConfig
-from robustopt.config.geometry import placements
 from robustopt.errors import ConfigError
+from robustopt.scene.placement import placements
 
 Array = np.ndarray
 

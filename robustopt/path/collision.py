@@ -13,11 +13,11 @@ import mujoco
 import numpy as np
 
 from robustopt.config import Config
-from robustopt.config.geometry import placements
 from robustopt.errors import ConfigProblem, RobotError
 from robustopt.path.inverse_kinematics import spread
 from robustopt.robot import Robot
 from robustopt.robot.model_file import TRAY_SITE, USUAL
+from robustopt.scene.placement import placements
 
 TOUCH = 1e-4
 """Overlap that counts as touching [m]: rounding and the tolerance of the path, well below any collision of interest."""

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from robustopt.config import FEET, Config, StanceConfig
-from robustopt.config.geometry import contact_axes
+from robustopt.geometry import contact_axes
 
 Array = np.ndarray
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from robustopt.config import PathConfig, TrayPose
+from robustopt.config import FramePose, PathConfig
 from robustopt.errors import ConfigProblem, PathError
 
 TURN_LENGTH = 0.3
@@ -110,7 +110,7 @@ def tray_path(path: PathConfig) -> TrayPath:
     return TrayPath(start, position, rotation, velocity, turn, blend, stops)
 
 
-def orientation(pose: TrayPose) -> np.ndarray:
+def orientation(pose: FramePose) -> np.ndarray:
     """Rotation (3, 3) of a tray pose; level and unturned where the configuration says nothing."""
     if pose.quaternion is not None:
         return np.asarray(Rotation.from_quat(pose.quaternion, scalar_first=True).as_matrix())

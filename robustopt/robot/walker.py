@@ -17,12 +17,12 @@ import numpy as np
 
 from robustopt.config import BASE_COORDINATES as BASE
 from robustopt.config import FEET, HANDS, Config, RailConfig
-from robustopt.config.geometry import rail_box
 from robustopt.errors import RobotError
 from robustopt.robot import Links
 from robustopt.robot.joint_limits import JointLimits, joint_limits
 from robustopt.robot.model_file import USUAL, compile_spec, joint_names
 from robustopt.robot.walker_model import Sole, load_walker_model
+from robustopt.scene.rail import rail_box
 
 Array = np.ndarray
 

@@ -12,8 +12,8 @@ import mujoco
 import numpy as np
 
 from robustopt.config import FEET, Config
-from robustopt.config.geometry import rectangle
 from robustopt.errors import RobotError
+from robustopt.geometry import rectangle
 from robustopt.robot.model_file import (
     USUAL,
     RobotModel,

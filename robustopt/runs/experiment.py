@@ -13,10 +13,10 @@ import numpy as np
 
 from robustopt.certificate import Certificate, certify
 from robustopt.config import Config
-from robustopt.config.geometry import patches
 from robustopt.limits import TimeScalingProblem, build_problem
 from robustopt.robot.model_file import model_file
 from robustopt.runs.store import SUMMARY, plain_data, write_json, write_origin
+from robustopt.scene.patches import patches
 from robustopt.solvers import Plan, Status, solve
 from robustopt.solvers.diagnosis import Diagnosis, diagnose
 from robustopt.solvers.trajectory import binding_shares, joint_trajectory, write_plan_csv, write_trajectory_csv

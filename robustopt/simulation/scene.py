@@ -16,10 +16,11 @@ import mujoco
 import numpy as np
 
 from robustopt.config import Config, FailureConfig, ObjectConfig
-from robustopt.config.geometry import RESOLUTION, Placement, half_height, placements, rotation, supports
 from robustopt.errors import ConfigError
+from robustopt.geometry import RESOLUTION, rotation
 from robustopt.robot import Robot, load_robot
 from robustopt.robot.model_file import TRAY_SITE, USUAL
+from robustopt.scene.placement import CARRIER, TRAY, Placement, half_height, placements, supports
 from robustopt.simulation.controller import WITH_TORQUE, Gains, JointLayout, Reference, computed_torque, controls
 from robustopt.simulation.outcome import Criterion, Motion, motion_of_object, object_criteria, object_motion
 from robustopt.simulation.simulation import Record, joint_velocities
@@ -276,7 +277,7 @@ class SceneBuilder:
         return [(name, support) for name in self._placed for support in supports(self._config.objects[name])]
 
     def _interfaces(self, model: mujoco.MjModel) -> list[Interface]:
-        tray = Placement(np.zeros(3), 0.0, self._config.carried_tray.size[2] / 2)
+        tray = Placement(np.zeros(3), np.eye(3), self._config.carried_tray.size[2] / 2, TRAY, CARRIER, np.zeros(3), 0.0)
         found = []
         for name, support in self._resting():
             upper, lower = self._placed[name], self._placed.get(support, tray)

@@ -15,11 +15,11 @@ import numpy as np
 
 from robustopt.config import BASE_COORDINATES as BASE
 from robustopt.config import FEET, Config, FailureConfig, RailConfig, TruthConfig
-from robustopt.config.geometry import rail_box
 from robustopt.errors import ConfigError
 from robustopt.path.footsteps import Place, footsteps
 from robustopt.robot.model_file import USUAL, model_file, read_model
 from robustopt.robot.walker import Walker, load_walker
+from robustopt.scene.rail import rail_box
 from robustopt.simulation.controller import Gains, JointLayout, Reference, controls
 from robustopt.simulation.footing import MeasuredContact, contact_motion, stands, trunk_motion, turning
 from robustopt.simulation.outcome import Criterion, Motion, Status

@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from robustopt.config import Config, with_values
+from robustopt.config import Config
+from robustopt.config.load import with_values
 from robustopt.errors import ConfigError
 from robustopt.limits import TimeScalingProblem, build_rows
 from robustopt.limits.contact import carried
