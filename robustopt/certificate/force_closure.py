@@ -26,7 +26,7 @@ import numpy as np
 
 from robustopt.arrays import Array, Flags, Indices
 from robustopt.certificate.cone_algebra import Scaling, cholesky, divide, ray, reach, solve, square
-from robustopt.certificate.contact_points import Contacts, Face, even_pressure, simply_held
+from robustopt.certificate.contact_points import Contacts, Face, even_pressure
 
 GAP = 1e-8
 """Width of the bracket of gamma, and unbalanced share of the wrench, at which a program is solved: a hundredth of the
@@ -112,32 +112,12 @@ def _with_left_over(contacts: Contacts, rest: Array, programs: _InteriorPoint, l
     return np.asarray(programs.reached[lost] + size * gauge(contacts, rest, direction, gap=NEARLY).value)
 
 
-def held_at(contacts: Contacts, rest: Array) -> Flags:
-    """Return whether forces balance `rest` (rows, T)."""
-    held = simply_held(contacts, rest)
-    doubtful = np.flatnonzero(~held)
-    if len(doubtful):
-        even = even_pressure(contacts[doubtful], len(doubtful))
-        held[doubtful] = gauge(contacts[doubtful], even, rest[:, doubtful] - even, 1.0).value <= 1.0 + GAP
-    return held
-
-
 def seen_from(contacts: Contacts, held: Flags, rest: Array, move: Array) -> tuple[Array, Array]:
     """Return `rest` and `move`, but with an even pressure for `rest` if that is not held."""
     if held.all():
         return rest, move
     even = even_pressure(contacts, rest.shape[-1])
     return np.where(held, rest, even), np.where(held, move, rest + move - even)
-
-
-def gauge_from_rest(
-    contacts: Contacts, rest: Array, move: Array, good_enough: Array | float = 0.0, gap: float = GAP
-) -> Gauge:
-    """Return the `gauge`, but seen from an even pressure if the contacts cannot hold `rest`.
-
-    Either way the value is at most 1 exactly if forces balance rest + move.
-    """
-    return gauge(contacts, *seen_from(contacts, held_at(contacts, rest), rest, move), good_enough, gap)
 
 
 class _InteriorPoint:

@@ -16,12 +16,12 @@ for the difference between a polygon and its circle.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from robustopt.arrays import Array, Flags, Indices
-from robustopt.certificate.contact_points import spread_holds
+from robustopt.certificate.contact_points import Contacts, Face, spread_holds
 
 DIRECTIONS = 160
 """Rates of motion that are looked at before the search: a quarter of a radian from one to the next."""
@@ -46,37 +46,65 @@ PLANE = [0, 1, 5]
 class Hold:
     """A lip, or the two pads of a gripper, with prescribed pressure; T programs, or 1 for all.
 
-    points: indices of its contact points among those of the contacts (k,)
-    plane: (2, k, T) contact points in the plane of the hold, about its centre
+    faces: its faces, the driven one first
+    plane: (2, k, T) its contact points in the plane of the hold, about its centre
     mu: (k, T) coefficients of friction
     pressure: (k, 7, T) normal forces per effort
-    effort: (7, rows) effort of the hold from the rows of a program in which it alone holds a block
-    forces: (7, 3, k, T) effort per force coordinate at its points
+    turn: (6, 6) from a wrench on its block to that about its centre, patch axes
     polygon: factor of the friction that pressure below 0 takes away
     """
 
-    points: slice
+    faces: tuple[Face, ...]
     plane: Array
     mu: Array
     pressure: Array
-    effort: Array
-    forces: Array
+    turn: Array
     polygon: float
 
     def __getitem__(self, chosen: slice | Indices) -> Hold:
         """Return the hold in some of the programs."""
+        plane, mu, pressure = (
+            values if values.shape[-1] == 1 else values[..., chosen] for values in (self.plane, self.mu, self.pressure)
+        )
+        return replace(self, plane=plane, mu=mu, pressure=pressure)
 
-        def part(values: Array) -> Array:
-            return values if values.shape[-1] == 1 else values[..., chosen]
+    def effort(self, contacts: Contacts, rows: Array) -> Array:
+        """Return the effort (7, T) if it alone holds its block, for the rows (rows, T) that this requires."""
+        face = self.faces[0]
+        closing = rows[contacts.extra(face)[0]] if face.closing >= 0 else np.zeros((1, *rows.shape[1:]))
+        wrench = rows[6 * face.above : 6 * face.above + 6]
+        return np.concatenate([np.tensordot(self.turn, wrench, axes=1), closing])
 
-        return Hold(
-            self.points, part(self.plane), part(self.mu), part(self.pressure), self.effort, part(self.forces),
-            self.polygon,
-        )  # fmt: skip
+    def rows(self, contacts: Contacts, cut: Array) -> Array:
+        """Return a cut (7, T) per row, (rows, T), if it alone holds its block."""
+        face = self.faces[0]
+        out = np.zeros((contacts.rows, cut.shape[-1]))
+        out[6 * face.above : 6 * face.above + 6] = self.turn.T @ cut[:6]
+        if face.closing >= 0:
+            out[contacts.extra(face)[0]] = cut[6]
+        return out
+
+    def of_forces(self, contacts: Contacts, c: Array) -> Array:
+        """Return the effort (7, T) of forces c (3, n, T) at all contact points."""
+        wrench, closing = np.zeros((6, c.shape[-1])), np.zeros(c.shape[-1])
+        for face in self.faces:
+            own = c[:, face.part]
+            wrench += contacts.wrenches(face, own).sum(axis=1)
+            closing += own[0].sum(axis=0) if face.closing >= 0 else 0.0
+        return np.concatenate([self.turn @ wrench, closing[None]])
+
+    def per_force(self, contacts: Contacts, cut: Array) -> Array:
+        """Return a cut (7, T) per force coordinate at all contact points, (3, n, T)."""
+        out, programs = np.zeros((3, contacts.mu.shape[0], cut.shape[-1])), cut.shape[-1]
+        for face in self.faces:
+            unit = np.broadcast_to(np.eye(3)[:, :, None, None], (3, 3, face.last - face.first, programs))
+            out[:, face.part] = np.einsum("et,ecnt->cnt", self.turn.T @ cut[:6], contacts.wrenches(face, unit))
+            out[0, face.part] += cut[6] if face.closing >= 0 else 0.0
+        return out
 
     def normals(self, effort: Array) -> Array:
-        """Return the normal forces (k, T) of efforts (7, T)."""
-        return np.einsum("ket,et->kt", self.pressure, effort)
+        """Return the normal forces (k, ...) of efforts (7, ...)."""
+        return np.einsum("ke...,e...->k...", self.pressure, effort)
 
     def strength(self, effort: Array) -> Array:
         """Return the friction (k, T) per normal force, for the signs that these have with efforts (7, T)."""
@@ -94,18 +122,14 @@ class Hold:
         out[PLANE] -= y
         return out
 
-    def cut_forces(self, cut: Array) -> Array:
-        """Return a cut (7, T) per force coordinate at the points of the hold, (3, k, T)."""
-        return np.einsum("ecit,et->cit", self.forces, cut)
-
 
 def lip_pressure(plane: Array) -> Array:
-    """Return the elastic normal forces per effort, (k, 7, T), of a lip with points (2, k, T): B^T (B B^T)^-1."""
+    """Return the elastic normal forces per effort, (k, 7, ...), of a lip with points (2, k, ...): B^T (B B^T)^-1."""
     x, y = plane
-    rows = np.moveaxis(np.stack([np.ones_like(x), y, -x]), -1, 0)
-    spread = np.linalg.solve(rows @ rows.transpose(0, 2, 1), rows)
-    out = np.zeros((x.shape[0], 7, x.shape[1]))
-    out[:, 2:5] = np.moveaxis(spread, 0, -1).transpose(1, 0, 2)
+    rows = np.moveaxis(np.stack([np.ones_like(x), y, -x]), (0, 1), (-2, -1))
+    spread = np.linalg.solve(rows @ np.swapaxes(rows, -1, -2), rows)
+    out = np.zeros((len(x), 7, *x.shape[1:]))
+    out[:, 2:5] = np.moveaxis(spread, (-1, -2), (0, 1))
     return out
 
 
@@ -207,7 +231,7 @@ def _about_points(plane: Array) -> Array:
 
 
 def spread_evenly(hold: Hold, effort: Array) -> Flags:
-    """Return whether a simple choice of friction at the prescribed pressure balances an effort (7, T).
+    """Return whether a simple choice of friction at the prescribed pressure balances an effort (7, ...).
 
     See `spread_holds`: sufficient, not necessary, and only for pressure that is nowhere below 0.
     """
