@@ -15,7 +15,7 @@ from robustopt.arrays import Array
 from robustopt.certificate.motion import CARRIER
 from robustopt.config import Config
 from robustopt.config.object_model import ObjectConfig, TrayConfig
-from robustopt.robot.robot import Robot
+from robustopt.robot import Robot
 from robustopt.scene.patches import Law, Patch
 from robustopt.scene.placement import TRAY, placements
 

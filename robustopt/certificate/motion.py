@@ -14,10 +14,8 @@ from typing import Any, Self
 import numpy as np
 
 from robustopt.arrays import Array, Flags, Indices
-from robustopt.path.walking_path import WalkingPath
-from robustopt.robot.dynamics import Dynamics
-from robustopt.robot.robot import Robot
-from robustopt.solvers.plan import Plan
+from robustopt.robot import Dynamics, Robot
+from robustopt.solvers import Plan
 
 CARRIER = "robustopt carrier"
 """Name of the frame that all objects are rigid to, among those of links, which have the names of their bodies."""
@@ -255,13 +253,11 @@ def _link(robot: Robot, name: str, nodes: list[Array], at: Instants) -> tuple[Fr
 
 def stances(plan: Plan, at: Instants) -> Indices:
     """Return the stance (T,) of each instant, at a switch the one with fewer contacts; 0 without steps."""
-    path = plan.problem.path
-    if not isinstance(path, WalkingPath):
-        return np.zeros(len(at.s), dtype=np.intp)
-    borders = np.array([stance.begin for stance in path.stances[1:]])
+    found = plan.problem.path.stances
+    borders = np.array([stance.begin for stance in found[1:]])
     before = np.searchsorted(borders, at.s, side="left")
     after = np.searchsorted(borders, at.s, side="right")
-    count = np.array([len(stance.contacts) for stance in path.stances])
+    count = np.array([len(stance.contacts) for stance in found]) if found else np.zeros(1)
     return np.where(count[after] <= count[before], after, before)
 
 

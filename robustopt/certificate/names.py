@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from robustopt.config import Config
-from robustopt.path.footsteps import Stance
+from robustopt.path import Stance
 from robustopt.scene.patches import Law, Patch
 from robustopt.scene.placement import supports
 

@@ -13,9 +13,8 @@ from robustopt.certificate.bodies import Body, Parameters, fingers, links, paylo
 from robustopt.certificate.systems import Placed, System, make_system, scale_of
 from robustopt.config import Config
 from robustopt.config.per_name import value_of
-from robustopt.path.path import Path
-from robustopt.path.walking_path import WalkingPath
-from robustopt.robot.robot import Robot
+from robustopt.path import Path
+from robustopt.robot import Robot
 from robustopt.scene.patches import Law, Patch, patches
 from robustopt.scene.placement import TRAY, standing_order, supports
 
@@ -136,9 +135,7 @@ def build_world(config: Config, robot: Robot, path: Path, stance: Indices) -> Wo
     bodies = (*payload(config), *links(config, robot), *own_fingers.values())
     nominal, lower, upper = _intervals(config, robot, bodies, contacts)
     scene = _Scene(config, bodies, contacts, upper.friction, {k: bodies.index(it) for k, it in own_fingers.items()})
-    systems = [scene.objects(group) for group in _groups(config)]
-    if isinstance(path, WalkingPath):
-        systems += scene.stances(robot, path, stance)
+    systems = [*(scene.objects(group) for group in _groups(config)), *scene.stances(robot, path, stance)]
     return World(bodies, tuple(contacts), tuple(systems), robot.joint_names, robot.base, nominal, lower, upper)
 
 
@@ -152,6 +149,11 @@ def _patches(config: Config) -> list[Patch]:
     finer = config.model_copy(update={"contact": config.contact.model_copy(update=fine)})
     pairs = zip(patches(config), patches(finer), strict=True)
     return [round_ if own.law is Law.FRICTION else own for own, round_ in pairs]
+
+
+def contact_points(config: Config) -> int:
+    """Return the number of contact points of all objects."""
+    return sum(len(patch.polygon) for patch in _patches(config))
 
 
 def _resting(robot: Robot, name: str) -> Patch:
@@ -212,10 +214,10 @@ class _Scene:
         name = names.object_system(self.config, group, [item.patch for item in placed])
         return self._system(name, placed, blocks, force)
 
-    def stances(self, robot: Robot, path: WalkingPath, stance: Indices) -> Iterator[System]:
+    def stances(self, robot: Robot, path: Path, stance: Indices) -> Iterator[System]:
         """Yield the systems of the floating base."""
         everything = tuple(b for b, body in enumerate(self.bodies) if body.payload)
-        force = WEIGHT * (robot.mass + sum(body.mass for body in self.bodies if body.frame != body.name and body.payload))
+        force = WEIGHT * (robot.mass + sum(self.bodies[b].mass for b in everything))
         index = {contact.patch.name: i for i, contact in enumerate(self.contacts) if not contact.patch.object}
         for k, own in enumerate(path.stances):
             placed = []
