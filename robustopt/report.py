@@ -122,7 +122,7 @@ def _errors(values: Sequence[float]) -> str:
 
 def _certificate(certificate: Mapping[str, Any]) -> list[Row]:
     worst, margins = certificate["worst"], certificate["margins"]
-    effort = f"{certificate['level']}: {certificate['draws']:,} draws, {certificate['tests']:,} tests"
+    effort = f"{certificate['level']}: {certificate['samples']:,} samples, {certificate['tests']:,} tests"
     name, margin = min(margins.items(), key=lambda item: _lowest(item[1]["on_grid"]))
     lines = [
         Row("result", f"{'passed' if certificate['passed'] else 'failed'} ({effort})"),

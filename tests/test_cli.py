@@ -274,7 +274,7 @@ def test_a_limit_that_no_forces_hold_is_the_smallest_margin():
     margins = {"joint3 position": {"on_grid": 0.17, "between": 0.17}, worst.limit: {"on_grid": None, "between": -0.2}}
     found = {"limit": worst.limit, "margin": None, "s": 0.0, "t": 0.0, "on_grid": True, "parameters": {}}
     certificate = {"worst": found | {"place": "at tray_poses[0]"}, "margins": margins, "passed": False}
-    ((_, lines),) = sections({"certificate": certificate | {"level": "quick", "draws": 0, "tests": 9}})
+    ((_, lines),) = sections({"certificate": certificate | {"level": "quick", "samples": 0, "tests": 9}})
     assert [line.value for line in lines[1:3]] == ["not held by any forces: slip of cup on tray"] * 2
     assert str(worst).startswith("slip of cup on tray: not held by any forces at t = 0.000 s")
 

@@ -18,13 +18,20 @@ from robustopt.certificate.contact_points import (
     simply_held,
     single_block,
 )
-from robustopt.certificate.force_closure import GAP, ROUGH_GAP, Gauge, gauge, gauge_from_rest
+from robustopt.certificate.force_closure import GAP, ROUGH_GAP, Gauge, gauge, seen_from
 
 SQUARE = np.array([[1.0, 1.0, 0.0], [-1.0, 1.0, 0.0], [-1.0, -1.0, 0.0], [1.0, -1.0, 0.0]])
 PENTAGON = np.array([[np.cos(a), np.sin(a), 0.0] for a in 2 * np.pi * np.arange(5) / 5])
 DISC = np.array([[np.cos(a), np.sin(a), 0.0] for a in 2 * np.pi * np.arange(16) / 16])
 WEIGHT = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 EDGES = 256
+
+
+def gauge_from_rest(contacts: Contacts, rest: np.ndarray, move: np.ndarray) -> Gauge:
+    """The gauge, seen from an even pressure where the contacts cannot hold `rest`."""
+    even = even_pressure(contacts, rest.shape[1])
+    held = gauge(contacts, even, rest - even).value <= 1.0 + GAP
+    return gauge(contacts, *seen_from(contacts, held, rest, move))
 
 
 def solved(contacts: Contacts, rest: np.ndarray, move: np.ndarray) -> float:

@@ -38,8 +38,8 @@ LOADED = 1e-3
 def required(world: World, system: System, motion: Motion, loads: Sequence[Load], values: Parameters) -> Load:
     """Return parts `rest` and `move` of the rows that a system requires, (rows, ...) each.
 
-    The forces of vacuums and driven fingers are part of `rest`. The floating base has a unit force along the axis of
-    its contacts for `rest`: it need not balance without motion.
+    The forces of vacuums and driven fingers are part of `rest`. The floating base has a unit force through the centre
+    of its contacts for `rest`, which they can always exert: it need not balance without motion.
 
     Args:
         world: the bodies.
@@ -55,7 +55,7 @@ def required(world: World, system: System, motion: Motion, loads: Sequence[Load]
         rest[2] = 1.0
         return rest, move - rest
     rest, move = (
-        sum(np.tensordot(own.matrix, _total([loads[b][part] for b in own.bodies]), axes=1) for own in system.loads)
+        _total([np.tensordot(own.matrix, _total([loads[b][part] for b in own.bodies]), axes=1) for own in system.loads])
         for part in (0, 1)
     )
     if np.any(system.pull):
@@ -119,7 +119,8 @@ def balance(
     """
     rest, move = required(world, system, motion, body_loads(world, motion, values), values)
     contacts = system.contact_points(values.friction, values.shift)
-    return gauge_of(system, contacts, rest, move, enough, gap)
+    certain = np.ones(rest.shape[-1], dtype=bool) if system.at is not None else None
+    return gauge_of(system, contacts, rest, move, enough, gap, certain)
 
 
 def gauge_of(

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robustopt.arrays import Array
+from robustopt.arrays import Array, Indices
 from robustopt.certificate.motion import CARRIER
 from robustopt.config import Config
 from robustopt.config.object_model import ObjectConfig, TrayConfig
@@ -57,12 +57,12 @@ def _unit_inertia(item: TrayConfig | ObjectConfig) -> Array:
     if item.inertia is not None:
         ixx, iyy, izz, ixy, ixz, iyz = (*item.inertia, 0.0, 0.0, 0.0)[:6]
         return np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]]) / item.mass
-    radius, height = getattr(item, "radius", None), getattr(item, "height", None)
-    if radius is not None and height is not None:
-        across = radius**2 / 4.0 + height**2 / 12.0
-        return np.diag([across, across, radius**2 / 2.0])
-    square = np.square(item.size)
-    return np.diag(square.sum() - square) / 12.0
+    if item.size is not None:
+        square = np.square(item.size)
+        return np.diag(square.sum() - square) / 12.0
+    radius, height = getattr(item, "radius", 0.0), getattr(item, "height", 0.0)
+    across = radius**2 / 4.0 + height**2 / 12.0
+    return np.diag([across, across, radius**2 / 2.0])
 
 
 def links(config: Config, robot: Robot) -> list[Body]:
@@ -108,7 +108,7 @@ class Parameters:
         """Return the arrays in the order of the fields."""
         return self.mass, self.com, self.friction, self.force, self.shift, self.error
 
-    def at(self, index: int | Array | slice) -> Parameters:
+    def at(self, index: int | Indices | slice) -> Parameters:
         """Return some of many sets of values along the last axis."""
         return Parameters(*(values[..., index] for values in self.arrays()))
 

@@ -66,7 +66,7 @@ def reach(c: Array, d: Array) -> Array:
 
 
 def divide(scaled: Array, target: Array, force: Array, slack: Array) -> Array:
-    """Return the solution q of scaled o q = target e - scaled o scaled - force o slack, o the product of the cone's algebra."""
+    """Return q of scaled o q = target e - scaled o scaled - force o slack, o the product of the cone's algebra."""
     c0, c1, c2 = scaled
     r0 = target - (scaled * scaled + force * slack).sum(axis=0)
     r1 = -2.0 * c0 * c1 - force[0] * slack[1] - force[1] * slack[0]

@@ -15,14 +15,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import linprog
 
 from robustopt.arrays import Array, Flags, Indices
 
 CENTERED = 1e-9
 """Distance, in units of the points, by which explicit pressure may miss its centre: rounding errors."""
 
-MOST_TRIES = 10_000
-"""Steps of the search for a direction inside dual cones; a few are usual, and narrow ones take more."""
+EDGES = 16
+"""Edges of the pyramids around the cones when a direction inside their dual cones is sought."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,54 +143,35 @@ def _at(y: Array, block: int) -> Array:
 def inner_direction(faces: Sequence[Face], friction: Sequence[float]) -> Array:
     """Return a direction (rows,) strictly inside the dual cones of the points of all faces.
 
-    Block by block, each after its supports, a force d is searched that all forces in the cones of its faces have a
-    positive part along, by adding the edge of a cone that has the least (a perceptron). The force of a block is longer
-    than that of its supports, as far as their difference takes. A closing force outweighs all else on its face.
+    It is the shortest one, without moments, along which each force on the edge of a cone has a part of at least 1.
 
     Args:
         faces: the faces, without cuts.
         friction: largest coefficient of friction of each face.
+
+    Raises:
+        ValueError: contacts can press against each other with any force, so there is no such direction.
     """
     blocks, closings = 1 + max(face.above for face in faces), 1 + max(face.closing for face in faces)
-    force, closing = np.zeros((blocks, 3)), np.zeros(closings)
-    level = np.ones(blocks)
-    for k in range(blocks):
-        own = [(face, mu) for face, mu in zip(faces, friction, strict=True) if face.above == k]
-        free = [(face, mu) for face, mu in own if face.closing < 0]
-        level[k] = 1.0 + max((level[face.below] for face, _ in own if face.below >= 0), default=0.0)
-        along = _along(free)
-        force[k] = level[k] * along
-        while any(_edge(face, mu, force[k] - _below(force, face))[1] <= 0.0 for face, mu in free):
-            force[k] *= 2.0
-        for face, mu in own:
-            if face.closing >= 0:
-                closing[face.closing] = 2.0 * (1.0 + mu) * float(np.linalg.norm(force[k] - _below(force, face)))
-    return np.concatenate([np.hstack([force, np.zeros((blocks, 3))]).ravel(), closing])
-
-
-def _below(force: Array, face: Face) -> Array:
-    return force[face.below] if face.below >= 0 else np.zeros(3)
-
-
-def _along(faces: Sequence[tuple[Face, float]]) -> Array:
-    """Return a unit vector (3,) that all forces in the cones of some faces have a positive part along."""
-    normals = [np.array([0.0, 0.0, 1.0]) if face.axes is None else face.axes[:, 2] for face, _ in faces]
-    along = normals[0].copy()
-    for _ in range(MOST_TRIES):
-        edge, part = min((_edge(face, mu, along) for face, mu in faces), key=lambda found: found[1])
-        if part > 0.0:
-            return np.asarray(along / np.linalg.norm(along))
-        along = along + edge / np.linalg.norm(edge)
-    raise ValueError("contacts can press against each other with any force: their cones span all directions")
-
-
-def _edge(face: Face, mu: float, along: Array) -> tuple[Array, float]:
-    """Return the edge (3,) of a friction cone that has the least part along a direction, and that part."""
-    normal = np.array([0.0, 0.0, 1.0]) if face.axes is None else face.axes[:, 2]
-    across = along - (along @ normal) * normal
-    size = float(np.linalg.norm(across))
-    edge = normal - mu * across / size if size > 0.0 else normal
-    return edge, float(edge @ along)
+    angle, rows = 2.0 * np.pi * np.arange(EDGES) / EDGES, []
+    for face, mu in zip(faces, friction, strict=True):
+        across = mu / np.cos(np.pi / EDGES)
+        edges = np.column_stack([across * np.cos(angle), across * np.sin(angle), np.ones(EDGES)])
+        row = np.zeros((EDGES, 3 * blocks + closings))
+        row[:, 3 * face.above : 3 * face.above + 3] = edges if face.axes is None else edges @ face.axes.T
+        if face.below >= 0:
+            row[:, 3 * face.below : 3 * face.below + 3] = -row[:, 3 * face.above : 3 * face.above + 3]
+        if face.closing >= 0:
+            row[:, 3 * blocks + face.closing] = 1.0
+        rows.append(row)
+    found = np.vstack(rows)
+    cost = np.ones(2 * found.shape[1])
+    answer = linprog(cost, A_ub=-np.hstack([found, -found]), b_ub=-np.ones(len(found)), method="highs")
+    if answer.x is None:
+        raise ValueError("contacts can press against each other with any force: their cones span all directions")
+    inner = answer.x[: found.shape[1]] - answer.x[found.shape[1] :]
+    force = inner[: 3 * blocks].reshape(blocks, 3)
+    return np.concatenate([np.hstack([force, np.zeros((blocks, 3))]).ravel(), inner[3 * blocks :]])
 
 
 def single_block(points: Array, mu: float) -> Contacts:

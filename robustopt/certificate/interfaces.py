@@ -55,7 +55,7 @@ def _slip_and_tipping(world: World, system: System, there: Motion) -> tuple[Arra
 
 
 def _way_to_edge(polygon: Array, start: Array, end: Array) -> Array:
-    """Return |end - start| as a share of the distance from start to the edge of the convex polygon (2, n) that way, (M,)."""
+    """Return |end - start| as a share of the way from start to the edge of the convex polygon (2, n), (M,)."""
     edge = np.roll(polygon, -1, axis=1) - polygon
     normal = np.stack([edge[1], -edge[0]])
     room = (normal * polygon).sum(axis=0)[:, None] - normal.T @ start

@@ -6,13 +6,12 @@ Without a floating base, or on a single environment contact, the torques follow 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from robustopt.arrays import Array, Indices
 from robustopt.certificate import names
-from robustopt.certificate.bodies import Parameters
 from robustopt.certificate.loads import Functional, Load, at_lowest, body_loads
 from robustopt.certificate.motion import Joints, Motion
 from robustopt.certificate.tally import Found, Tally
@@ -56,20 +55,18 @@ def torques(world: World, joints: Joints, free: Array, loads: Sequence[Load], er
 
     Joints that do not move count with their dry friction on the worse side.
     """
-    wrenches: dict[str, Array] = {}
+    shape = np.broadcast_shapes(error.shape[1:], joints.torque.shape[1:])
+    torque = np.broadcast_to(joints.torque, (len(joints.torque), *shape)).copy()
     for body, (rest, move) in zip(world.bodies, loads, strict=True):
         if body.payload:
-            wrenches[body.frame] = wrenches.get(body.frame, 0.0) + rest + move
-    torque = []
-    for j in range(len(joints.torque)):
-        value = joints.torque[j]
-        for frame, wrench in wrenches.items():
-            value = value + sum(joints.to_torque[frame][j, k] * wrench[k] for k in range(6))
-        for other, shaking in enumerate(error):
-            if np.any(shaking):
-                value = value + joints.inertia[j, other] * free * shaking
-        torque.append(value + joints.sticking[j] * np.where(value < 0.0, -1.0, 1.0))
-    return np.stack(torque)
+            for k, part in enumerate(rest + move):
+                torque += joints.to_torque[body.frame][:, k] * part
+    for other, value in enumerate(error):
+        if np.any(value):
+            torque += joints.inertia[:, other] * (free * value)
+    if np.any(joints.sticking):
+        torque += joints.sticking * np.where(torque < 0.0, -1.0, 1.0)
+    return torque
 
 
 def check_torque(
@@ -90,7 +87,7 @@ def check_torque(
     start = world.nominal.repeated(len(motion.free))
     for j, joint in enumerate(world.joints[world.base :]):
         name = names.joint_limit(joint, "torque")
-        one = _only(joints, j)
+        one = joints.only(j)
         for sign in (1.0, -1.0):
             values = start
             if world.uncertain:
@@ -106,16 +103,3 @@ def check_torque(
                 found = world.describe(values.at(t), None)
                 tally.add(name, Found(float(utilisation[t]), int(t if at is None else at[t]), name, found))
             tally.tests += utilisation.size
-
-
-def _only(joints: Joints, j: int) -> Joints:
-    """Return the series of a single joint."""
-
-    def row(values: Mapping[str, Array]) -> dict[str, Array]:
-        return {name: value[j : j + 1] for name, value in values.items()}
-
-    return Joints(
-        joints.position[j : j + 1], joints.velocity[j : j + 1], joints.acceleration[j : j + 1],
-        joints.torque[j : j + 1], joints.inertia[j : j + 1], row(joints.to_torque), joints.sticking[j : j + 1],
-        row(joints.pulls),
-    )  # fmt: skip

@@ -68,9 +68,7 @@ def _wrench(force: Array, center: Array, turning: Array | float) -> Array:
 def body_loads(world: World, motion: Motion, values: Parameters) -> list[Load]:
     """Return the wrenches that all bodies require, (6, ...) each part."""
     frames = {name: shaken(frame, motion.free, values.error) for name, frame in motion.frames.items()}
-    return [
-        body_load(body, frames[body.frame], values.mass[b], values.com[b]) for b, body in enumerate(world.bodies)
-    ]
+    return [body_load(body, frames[body.frame], values.mass[b], values.com[b]) for b, body in enumerate(world.bodies)]
 
 
 def at_lowest(

@@ -101,7 +101,8 @@ class Series:
                 return {name: changed(item) for name, item in value.items()}
             return value._mapped(change) if isinstance(value, Series) else change(value)
 
-        return replace(self, **{item.name: changed(getattr(self, item.name)) for item in fields(self)})  # type: ignore[type-var]
+        names = [item.name for item in fields(self)]  # type: ignore[arg-type]  # subclasses are dataclasses
+        return replace(self, **{name: changed(getattr(self, name)) for name in names})  # type: ignore[type-var]
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,6 +156,10 @@ class Joints(Series):
     to_torque: Mapping[str, Array]
     sticking: Array
     pulls: Mapping[str, Array]
+
+    def only(self, j: int) -> Joints:
+        """Return the series of a single joint."""
+        return self._mapped(lambda values: values[j : j + 1])
 
     def standing_on(self, contact: str, motion: Motion) -> Joints:
         """Return the joints where a single environment contact exerts all that the base requires."""

@@ -57,7 +57,62 @@ def check_samples(
     size = max(1, CHUNK // len(motion.free))
     for first in range(0, count, size):
         chosen = np.arange(first, min(first + size, count))
-        _Chunk(world, motion, samples, chosen, tally).check(known, per_program)
+        _Chunk(world, motion, samples, chosen, tally).check(known)
+    size = max(1, CHUNK // per_program)
+    for system in world.systems:
+        for first in range(0, 0 if system.simple else count, size):
+            chosen = np.arange(first, min(first + size, count))
+            _check_program(world, system, motion, samples, chosen, per_program, tally)
+
+
+def _errors(samples: Parameters, d: Indices, t: Indices) -> Array:
+    """Return the acceleration errors (n, ...) of samples d at instants t."""
+    return samples.error[:, (d + STRIDE * t) % samples.error.shape[-1]]
+
+
+def _check_program(
+    world: World, system: System, motion: Motion, samples: Parameters, chosen: Indices, per_program: int, tally: Tally
+) -> None:
+    """Find whether forces balance at all at some of the instants; how far from the limit, only if they do not."""
+    at = np.arange(len(motion.free)) if system.at is None else system.at
+    count = min(per_program, len(at))
+    d = np.repeat(chosen, count)
+    t = at[((chosen[:, None] * 31 + np.arange(count) * len(at) // count) % len(at)).ravel()]
+    there, values = motion.at(t), replace(samples.at(d), error=_errors(samples, d, t))
+    rest, move = required(world, system, there, body_loads(world, there, values), values)
+    contacts = system.contact_points(values.friction, values.shift)
+    even, certain = even_pressure(contacts, len(d)), np.ones(len(d), dtype=bool)
+    fails = np.flatnonzero(gauge_of(system, contacts, even, rest + move - even, 1.0, held=certain).value > 1.0)
+    tally.tests += len(d)
+    if len(fails):
+        value = gauge_of(system, contacts[fails], rest[:, fails], move[:, fails]).value
+        threshold = tally.threshold(system.name)[t[fails]]
+        _tell(world, system, motion, samples, (value, d[fails], t[fails], threshold), tally)
+
+
+def _tell(
+    world: World,
+    system: System,
+    motion: Motion,
+    samples: Parameters,
+    found: tuple[Array, Indices, Indices, Array],
+    tally: Tally,
+) -> None:
+    """Report the worst on the grid and between, if they are news.
+
+    Args:
+        world, system, motion, samples: what was looked at.
+        found: utilisations, their samples and instants, and the utilisations that were known there, (k,) each.
+        tally: told the news.
+    """
+    utilisation, d, t, threshold = found
+    for kind in (tally.grid[t], ~tally.grid[t]):
+        excess = np.where(kind & (utilisation > threshold), utilisation, -np.inf)
+        best = int(np.argmax(excess))
+        if excess[best] > -np.inf:
+            one, there = t[best : best + 1], motion.at(t[best : best + 1])
+            values = replace(samples.at(int(d[best])), error=_errors(samples, d[best : best + 1], one)[:, 0])
+            report(world, system, there, values, int(t[best]), float(utilisation[best]), tally)
 
 
 class _Chunk:
@@ -65,16 +120,17 @@ class _Chunk:
 
     def __init__(self, world: World, motion: Motion, samples: Parameters, chosen: Indices, tally: Tally) -> None:
         self.world, self.motion, self.samples, self.chosen, self.tally = world, motion, samples, chosen, tally
-        instants, total = len(motion.free), samples.error.shape[-1]
-        self.error_of = (chosen[:, None] + STRIDE * np.arange(instants)) % total
+        instants = np.arange(len(motion.free))
         self.values = samples.at(chosen)
         varying = bool(np.any(world.lower.error < world.upper.error))
-        shape = (len(samples.error), len(chosen), instants)
-        error = samples.error[:, self.error_of] if varying else np.broadcast_to(self.values.error[..., None], shape)
-        self.wide = replace(self.values.widened(), error=error)
+        shape = (len(samples.error), len(chosen), len(instants))
+        error = np.broadcast_to(self.values.error[..., None], shape)
+        self.wide = replace(
+            self.values.widened(), error=_errors(samples, chosen[:, None], instants) if varying else error
+        )
 
-    def check(self, known: Sequence[Torques], per_program: int) -> None:
-        """Look at the torques that are known and at all systems."""
+    def check(self, known: Sequence[Torques]) -> None:
+        """Look at the torques that are known and at the systems with a quick test."""
         everywhere, wide = np.arange(len(self.motion.free)), self.motion.widened()
         loads = body_loads(self.world, wide, self.wide)
         for part in known:
@@ -83,15 +139,14 @@ class _Chunk:
             torque = torques(self.world, part.joints.widened(), self.motion.free[at], own, error)
             self._tell_torque(np.abs(torque) / part.limits[:, None, None], at)
         for system in self.world.systems:
-            if system.at is None:
-                load = required(self.world, system, wide, loads, self.wide)
-            else:
-                there, own = wide.at(system.at), [(rest[..., system.at], move[..., system.at]) for rest, move in loads]
-                values = replace(self.wide, error=self.wide.error[..., system.at])
-                load = required(self.world, system, there, own, values)
-            rest, move = np.broadcast_arrays(*load)
-            at = everywhere if system.at is None else system.at
-            (self._check_simple if system.simple else self._check_program)(system, rest, move, at, per_program)
+            if system.simple:
+                there, own, values, at = wide, loads, self.wide, everywhere
+                if system.at is not None:
+                    at, there = system.at, wide.at(system.at)
+                    own = [(rest[..., at], move[..., at]) for rest, move in loads]
+                    values = replace(values, error=values.error[..., at])
+                rest, move = np.broadcast_arrays(*required(self.world, system, there, own, values))
+                self._check_simple(system, rest, move, at)
 
     def _tell_torque(self, utilisation: Array, at: Indices) -> None:
         self.tally.tests += utilisation.size
@@ -102,10 +157,11 @@ class _Chunk:
             for t in self.tally.peaks(np.where(news, worst, -np.inf), at) if news.any() else ():
                 if news[t]:
                     d = int(np.argmax(utilisation[j, :, t]))
-                    words = self.world.describe(self._sample(d, int(at[t])), None)
+                    error = self.wide.error[:, d, at[t]]
+                    words = self.world.describe(replace(self.values.at(d), error=error), None)
                     self.tally.add(name, Found(float(worst[t]), int(at[t]), name, words))
 
-    def _check_simple(self, system: System, rest: Array, move: Array, at: Indices, _: int) -> None:
+    def _check_simple(self, system: System, rest: Array, move: Array, at: Indices) -> None:
         """Let explicit forces decide most, and the gauge the rest."""
         threshold = np.maximum(self.tally.threshold(system.name)[at], 0.0) + NEWS
         contacts = system.contact_points(self.values.friction, self.values.shift)
@@ -115,35 +171,5 @@ class _Chunk:
         d, t = np.nonzero(~np.broadcast_to(held, rest.shape[1:]))
         if len(d):
             value = gauge_of(system, contacts[d], rest[:, d, t], move[:, d, t], threshold[t]).value
-            self._tell(system, value, d, at[t], threshold[t])
-
-    def _check_program(self, system: System, rest: Array, move: Array, at: Indices, per_program: int) -> None:
-        """Find whether forces balance at all at some of the instants; how far from the limit, only if they do not."""
-        instants = len(at)
-        count = min(per_program, instants)
-        d = np.repeat(np.arange(len(self.chosen)), count)
-        t = ((self.chosen[:, None] * 31 + np.arange(count) * instants // count) % instants).ravel()
-        contacts = system.contact_points(self.values.friction, self.values.shift)[d]
-        rest, move = rest[:, d, t], move[:, d, t]
-        even = even_pressure(contacts, len(d))
-        certain = np.ones(len(d), dtype=bool)
-        fails = np.flatnonzero(gauge_of(system, contacts, even, rest + move - even, 1.0, held=certain).value > 1.0)
-        self.tally.tests += len(d)
-        if len(fails):
-            value = gauge_of(system, contacts[fails], rest[:, fails], move[:, fails]).value
-            where = at[t[fails]]
-            self._tell(system, value, d[fails], where, self.tally.threshold(system.name)[where])
-
-    def _tell(self, system: System, utilisation: Array, d: Indices, t: Indices, threshold: Array) -> None:
-        """Report the worst on the grid and between, if they are news."""
-        for kind in (self.tally.grid[t], ~self.tally.grid[t]):
-            excess = np.where(kind & (utilisation > threshold), utilisation, -np.inf)
-            best = int(np.argmax(excess))
-            if excess[best] > -np.inf:
-                values, instant = self._sample(int(d[best]), int(t[best])), int(t[best])
-                there = self.motion.at(np.array([instant]))
-                report(self.world, system, there, values, instant, float(utilisation[best]), self.tally)
-
-    def _sample(self, d: int, t: int) -> Parameters:
-        """Return the values of sample d at instant t."""
-        return replace(self.samples.at(int(self.chosen[d])), error=self.samples.error[:, self.error_of[d, t]])
+            found = value, self.chosen[d], at[t], threshold[t]
+            _tell(self.world, system, self.motion, self.samples, found, self.tally)

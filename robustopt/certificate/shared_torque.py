@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 from scipy.optimize import linprog
 
-from robustopt.arrays import Array, Indices
+from robustopt.arrays import Array
 from robustopt.certificate import names
 from robustopt.certificate.balance import required_by_base
 from robustopt.certificate.bodies import Parameters

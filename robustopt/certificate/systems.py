@@ -137,7 +137,7 @@ class Placed:
 
 @dataclass(frozen=True, eq=False)
 class Scale:
-    """Axes (3, 3), as columns, and reference (3,) of a system in the frame of its bodies, and units of force, length."""
+    """Axes (3, 3), as columns, and reference (3,) of a system in the frame of its bodies, and its units."""
 
     axes: Array
     reference: Array

@@ -203,9 +203,8 @@ class _Scene:
 
     def objects(self, group: tuple[str, ...]) -> System:
         """Return the system of a group of objects; what they carry outside the group counts as part of them."""
-        placed = [
-            self._placed(i, contact.patch, group) for i, contact in enumerate(self.contacts) if contact.patch.object in group
-        ]
+        own = [(i, it.patch) for i, it in enumerate(self.contacts) if it.patch.object in group]
+        placed = [self._placed(i, patch, group) for i, patch in own]
         riding = [_carried(self.config, {name}, group) for name in group]
         blocks = [tuple(b for b, body in enumerate(self.bodies) if body.name in own) for own in riding]
         weight = sum(self.bodies[b].mass for block in blocks for b in block)

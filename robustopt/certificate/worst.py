@@ -150,8 +150,8 @@ class _Search:
             values, there = self.worst.at(close), self.motion.at(close)
             utilisation = balance(self.world, self.system, there, values, GAP).value
             best = int(np.argmax(utilisation))
-            one, found = there.at(np.array([best])), values.at(best)
-            report(self.world, self.system, one, found, int(self.index[close[best]]), float(utilisation[best]), self.tally)
+            instant, worst = int(self.index[close[best]]), float(utilisation[best])
+            report(self.world, self.system, there.at(np.array([best])), values.at(best), instant, worst, self.tally)
 
 
 def _differ(first: Parameters, second: Parameters) -> Flags:
@@ -219,6 +219,5 @@ def limit_name(world: World, system: System, there: Motion, values: Parameters, 
     if np.isclose(balance(world, system, there, endless, GAP).value[0], utilisation, rtol=SAME):
         return names.failure("tipping", patches)
     free = replace(system, holds=())
-    if np.isclose(balance(world, free, there, many, GAP).value[0], utilisation, rtol=SAME):
-        return names.failure("slip", patches)
-    return names.failure("twist", patches)
+    slips = not system.holds or np.isclose(balance(world, free, there, many, GAP).value[0], utilisation, rtol=SAME)
+    return names.failure("slip" if slips else "twist", patches)

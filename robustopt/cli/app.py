@@ -105,7 +105,7 @@ def plan(
     method: Annotated[Method | None, typer.Option(help="solver.method", show_default=False)] = None,
     seed: Seed = None,
     certify: Annotated[
-        Effort, typer.Option(help="quick: at most a second; full: many more draws and all worst corners")
+        Effort, typer.Option(help="quick: at most a second; full: many more samples and all worst corners")
     ] = Effort.quick,
     figures: Annotated[bool, typer.Option(help="draw the figures")] = True,
     dry_run: Annotated[

@@ -43,4 +43,3 @@ def require_same_task(config: Config, plan: Plan) -> None:
 def _tray(config: Config) -> tuple[object, ...]:
     """Return shape and place of the tray, if there is one."""
     return () if config.tray is None else (config.tray.size, config.tray.pose)
-
