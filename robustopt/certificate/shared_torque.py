@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.optimize import linprog
 
-from robustopt.arrays import Array
+from robustopt.arrays import Array, Indices
 from robustopt.certificate import names
 from robustopt.certificate.balance import required_by_base
 from robustopt.certificate.bodies import Parameters
@@ -28,25 +30,28 @@ def check_shared_torque(
     motion: Motion,
     joints: Joints,
     limits: Array,
-    worst: Parameters,
+    worst: tuple[Indices, Parameters],
     most: int,
     tally: Tally,
 ) -> None:
     """Look at the torques of the floating base's joints in a stance on several contacts.
 
+    The contact points are displaced towards the middle of theirs: the hull of any others contains these.
+
     Args:
         world, system: the bodies and the system of the stance.
         motion, joints: at its instants.
         limits: (m,) of the torques.
-        worst: (T,) values that the contacts like least.
+        worst: some of its instants and the values that the contacts like least there, see `check_contacts`.
         most: number of instants that are looked at.
         tally: told the worst.
     """
     assert system.at is not None
-    chosen = np.arange(len(system.at))
-    if len(chosen) > most:
-        chosen = np.unique(np.linspace(0, len(chosen) - 1, most).astype(int))
-    motion, joints, values = motion.at(chosen), joints.at(chosen), worst.at(chosen)
+    searched, values = worst
+    kept = np.unique(np.linspace(0, len(searched) - 1, min(most, len(searched))).astype(int))
+    chosen = searched[kept]
+    values = replace(values.at(kept), shift=np.repeat(_inward(world)[..., None], len(kept), axis=2))
+    motion, joints = motion.at(chosen), joints.at(chosen)
     loads = body_loads(world, motion, values)
     torque = torques(world, joints, motion.free, loads, values.error)
     rows = system.loads[0].matrix @ required_by_base(world, motion, loads, values.error)
@@ -64,6 +69,12 @@ def check_shared_torque(
             words = world.describe(values.at(t), None)
             tally.add(name, Found(float(utilisation[j, t]), int(at[t]), name, words))
     tally.tests += utilisation.size
+
+
+def _inward(world: World) -> Array:
+    """Return the displacements (2, Q) of all contact points towards the middle of their contacts."""
+    away = [contact.patch.polygon - contact.patch.polygon.mean(axis=0) for contact in world.contacts]
+    return np.asarray(-np.sign(np.concatenate(away).T) * world.upper.shift)
 
 
 def _generators(world: World, system: System, contacts: Contacts, joints: Joints) -> tuple[Array, Array]:

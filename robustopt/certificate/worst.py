@@ -55,8 +55,8 @@ class Thoroughness:
 
 def check_contacts(
     world: World, system: System, motion: Motion, starts: Sequence[Parameters], how: Thoroughness, tally: Tally
-) -> Parameters:
-    """Find the worst utilisation of one contact system, and return the worst values (T,) at each of its instants.
+) -> tuple[Indices, Parameters]:
+    """Find the worst utilisation of one contact system.
 
     The search starts from each of `starts` (T sets of values), at every `how.every`-th instant. All instants are then
     tried with the worst values of the nearest of these. The worst of all are tried at all instants too; for systems
@@ -68,6 +68,9 @@ def check_contacts(
         starts: each T sets of values.
         how: thoroughness.
         tally: told the worst.
+
+    Returns:
+        the instants that were searched, (S,) among those of the system, and the worst values there, S sets.
     """
     search = _Search(world, system, motion, how.gap, tally)
     every, rounds = how.every, how.rounds if world.uncertain else 0
@@ -83,7 +86,7 @@ def check_contacts(
         for t in np.argsort(-search.upper, kind="stable")[:SHARED]:
             search.follow(tried, search.worst.at(int(t)).repeated(len(tried)), 0, cull=True)
     search.report()
-    return search.worst.at(np.where(np.isfinite(search.upper), everywhere, everywhere // every * every))
+    return chosen, search.worst.at(chosen)
 
 
 class _Search:
