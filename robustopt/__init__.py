@@ -5,7 +5,7 @@
     config = ro.load_config("configs/waiter_two_blocks.yaml", overrides=["contact.friction=0.3"])
     problem = ro.build_problem(config)
     plan = ro.solve(problem)
-    certificate = ro.certify(config, plan)
+    certificate = ro.certify(plan)
     executions = ro.execute(config, plan, trials=100)
     learned = ro.learn(config)
 

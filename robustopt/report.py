@@ -127,7 +127,7 @@ def _errors(values: Sequence[float]) -> str:
 def certificate_rows(certificate: CertificateRecord) -> list[Row]:
     """Return the lines of a certificate."""
     worst, margins = certificate.worst, certificate.margins
-    effort = f"{certificate.level}: {certificate.draws:,} draws, {certificate.tests:,} tests"
+    effort = f"{certificate.level}: {certificate.samples:,} samples, {certificate.tests:,} tests"
     name, margin = min(margins.items(), key=lambda item: _lowest(item[1].on_grid))
     lines = [
         Row("result", f"{'passed' if certificate.passed else 'failed'} ({effort})"),

@@ -181,7 +181,7 @@ def test_both_solvers_find_the_same_plan_and_it_passes_its_certificate(problem: 
         fast, exact = solve(uncertain, "reachability"), solve(uncertain, "ipopt")
         assert fast.status.value == exact.status.value == "solved"
         assert fast.duration == pytest.approx(exact.duration, rel=1e-4)
-        certificate = certify(uncertain.config, fast)  # on the grid, which is too coarse for what is in between
+        certificate = certify(fast)  # on the grid, which is too coarse for what is in between
         assert min(margin.on_grid for margin in certificate.margins.values()) > -1e-4
         contacts = {name: m.on_grid for name, m in certificate.margins.items() if name.startswith("contact of")}
         assert set(contacts) == {
@@ -199,7 +199,7 @@ def test_both_solvers_find_the_same_plan_and_it_passes_its_certificate(problem: 
     ],
 )
 def test_a_plan_for_a_better_hold_fails_its_certificate(plan: Plan, values: dict[str, Any]) -> None:
-    certificate = certify(with_values(plan.problem.config, values), plan)
+    certificate = certify(plan, config=with_values(plan.problem.config, values))
     assert not certificate.passed
     contacts = [m.on_grid for name, m in certificate.margins.items() if name.endswith("and left hand")]
     assert min(contacts) < -0.01
@@ -211,7 +211,7 @@ def test_a_weak_arm_slows_a_plan_down(problem: TimeScalingProblem) -> None:
     assert plan.duration > 1.01 * solve(problem).duration
     assert plan.problem.limits.torque.sharing is not None
     assert plan.problem.limits.torque.sharing.rows
-    margins = certify(weak.config, plan).margins
+    margins = certify(plan).margins
     assert -1e-4 < margins["left_elbow torque"].on_grid < 0.05
 
 
@@ -219,7 +219,7 @@ def test_arm_torques_hold_for_the_parameters_that_the_feet_like_least(problem: T
     """At the middle of all intervals the arm had half of its strength in reserve; where the feet have nothing left, an
     error of the base is the arm's to make up for. The planner once looked at the middle only."""
     slippery = believing(problem, on_feet(0.06))
-    margins = certify(slippery.config, solve(slippery)).margins
+    margins = certify(solve(slippery)).margins
     assert min(m.on_grid for name, m in margins.items() if name.endswith("torque")) > -1e-4
 
 
