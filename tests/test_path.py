@@ -211,11 +211,11 @@ def test_three_sweeps_of_the_tx90l_follow_the_tray_path(sweeps: tuple[Any, Robot
     wanted = tray_path(PathConfig.model_validate({"tray_poses": [SWEEP[0], SWEEP[1], SWEEP[0], SWEEP[1]]}))
     np.testing.assert_allclose(path.breaks, [0, 1 / 3, 2 / 3, 1])
     s = np.linspace(0, 1, 1501)
-    position, rotation = robot.tray_pose(path(s))
+    position, rotation = robot.carrier_pose(path(s))
     wanted_position, wanted_rotation = wanted.pose(s * wanted.length)
     assert np.linalg.norm(position - wanted_position, axis=1).max() < 0.0002
     assert Rotation.from_matrix(rotation.transpose(0, 2, 1) @ wanted_rotation).magnitude().max() < 0.001
-    at_waypoints = robot.tray_pose(path(path.waypoints))[0]
+    at_waypoints = robot.carrier_pose(path(path.waypoints))[0]
     np.testing.assert_allclose(at_waypoints, wanted.position, atol=1e-9)
 
 
@@ -250,7 +250,7 @@ def test_a_finer_tolerance_is_kept() -> None:
     path, robot = build_tx90l(SWEEP, path={"tolerance": {"position": 1e-9, "angle": 1e-9}})
     wanted = tray_path(PathConfig.model_validate({"tray_poses": SWEEP}))
     s = np.linspace(0, 1, 777)
-    assert np.linalg.norm(robot.tray_pose(path(s))[0] - wanted.pose(s * wanted.length)[0], axis=1).max() < 3e-9
+    assert np.linalg.norm(robot.carrier_pose(path(s))[0] - wanted.pose(s * wanted.length)[0], axis=1).max() < 3e-9
 
 
 def test_the_base_pose_moves_the_robot_not_the_path(sweeps: tuple[Any, Robot]) -> None:
@@ -286,7 +286,7 @@ def test_a_redundant_arm_follows_smoothly() -> None:
     path, robot = build({"tray_poses": listed, "blend": 0.1}, seven, small)
     s = np.linspace(0, 1, 400)
     wanted = tray_path(PathConfig.model_validate({"tray_poses": listed, "blend": 0.1}))
-    assert np.linalg.norm(robot.tray_pose(path(s))[0] - wanted.pose(s * wanted.length)[0], axis=1).max() < 0.0002
+    assert np.linalg.norm(robot.carrier_pose(path(s))[0] - wanted.pose(s * wanted.length)[0], axis=1).max() < 0.0002
     assert np.abs(path(s, 1)).max() < 15
     assert np.minimum(path(s) - robot.limits.lower, robot.limits.upper - path(s)).min() > 0
 
@@ -353,7 +353,7 @@ def test_a_path_that_passes_a_singularity_at_a_distance_is_followed(tmp_path: Pa
     (tmp_path / "scara.xml").write_text(text.replace('pos="0.3 0 0"', 'pos="0.5 0 0"'))
     path, robot = build({"tray_poses": poses((0.4, 0.05, 0), (-0.4, 0.05, 0))}, SCARA, folder=tmp_path)
     s = np.linspace(0, 1, 400)
-    np.testing.assert_allclose(robot.tray_pose(path(s))[0][:, 1], 0.05, atol=0.0002)
+    np.testing.assert_allclose(robot.carrier_pose(path(s))[0][:, 1], 0.05, atol=0.0002)
     # the shoulder turns with the azimuth and with the fold of the elbow; where the tray is nearest, at distance d, the
     # fold rests and the azimuth turns by 1 / d per metre, over 0.8 m
     assert np.abs(path(s, 1)[:, 0]).max() == pytest.approx(0.8 / 0.05, rel=0.01)
@@ -547,7 +547,7 @@ def test_the_paths_of_the_shipped_configurations_follow_their_tray_paths(file: P
     robot = load_robot(config)
     path, wanted = build_path(config, robot), tray_path(config.path)
     s = np.linspace(0, 1, 501)
-    position, rotation = robot.tray_pose(path(s))
+    position, rotation = robot.carrier_pose(path(s))
     wanted_position, wanted_rotation = wanted.pose(s * wanted.length)
     assert np.linalg.norm(position - wanted_position, axis=1).max() < config.path.tolerance.position
     turn = Rotation.from_matrix(rotation.transpose(0, 2, 1) @ wanted_rotation).magnitude().max()

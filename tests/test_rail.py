@@ -19,7 +19,6 @@ from robustopt.errors import ConfigError, PathError, RobotError
 from robustopt.geometry import common_direction, contact_axes
 from robustopt.limits import TimeScalingProblem, build_problem
 from robustopt.limits.walking import StandingTorque
-from robustopt.path.walking_path import WalkingPath
 from robustopt.plotting import figures, house_style, write_execution_figures
 from robustopt.robot.model_file import MODELS
 from robustopt.simulation import Status, execute
@@ -65,7 +64,6 @@ def on_feet(mu: float) -> dict[str, Any]:
 
 def test_the_palm_stays_in_its_place_while_the_robot_walks(problem: TimeScalingProblem) -> None:
     walker, path = walker_of(problem), problem.path
-    assert isinstance(path, WalkingPath)
     q = path(np.linspace(0.0, 1.0, 173))
     corners = walker.contact_points(q)[HAND]
     ahead, aside = np.array([-0.04, 0.04, 0.04, -0.04]), np.array([-0.025, -0.025, 0.025, 0.025])

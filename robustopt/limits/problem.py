@@ -21,9 +21,7 @@ from robustopt.limits.track import Error, Track, build_track
 from robustopt.limits.uncertainty import acceleration_error, bodies, contact_shift, friction
 from robustopt.limits.walking import StandingTorque, WalkMotion, walking_families
 from robustopt.path import Path, build_path
-from robustopt.path.walking_path import WalkingPath, build_walking_path
 from robustopt.robot import Robot, load_robot
-from robustopt.robot.walker import Walker, load_walker
 
 Array = np.ndarray
 
@@ -67,7 +65,7 @@ class TimeScalingProblem:
     """
 
     config: Config
-    robot: Robot | Walker
+    robot: Robot
     path: Path
     s: Array
     piece: Array
@@ -149,14 +147,11 @@ def build_problem(config: Config) -> TimeScalingProblem:
 
 def track_of(config: Config) -> Track:
     """The track of a configuration. Raises ConfigError, RobotError or PathError where that cannot be used."""
-    if config.walks:
-        walker = load_walker(config)
-        return build_track(config, walker, build_walking_path(config, walker))
     robot = load_robot(config)
     return build_track(config, robot, build_path(config, robot))
 
 
-def build_rows(config: Config, robot: Robot | Walker, path: Path) -> TimeScalingProblem:
+def build_rows(config: Config, robot: Robot, path: Path) -> TimeScalingProblem:
     """The problem of a configuration whose robot and path are at hand."""
     return rows_along(build_track(config, robot, path), config)
 
@@ -178,7 +173,7 @@ def rows_along(track: Track, config: Config) -> TimeScalingProblem:
 
 def _limits(config: Config, track: Track) -> Limits:
     error = acceleration_error(config, track.robot.n)
-    families = _walking_families if isinstance(track.robot, Walker) else _carrying_families
+    families = _walking_families if track.robot.base else _carrying_families
     contacts, torque = families(config, track, error)
     return Limits(
         track.motion, track.outline(error), track.acceleration(error), track.joint_polygons(error), contacts, torque,
@@ -190,8 +185,6 @@ def _walking_families(
     config: Config, track: Track, error: Error
 ) -> tuple[tuple[ContactFamily, ...], TorqueFamily | StandingTorque]:
     """Contacts and joint torques of a robot on its feet."""
-    assert isinstance(track.robot, Walker)
-    assert isinstance(track.path, WalkingPath)
     assert isinstance(track.motion, WalkMotion)
     return walking_families(config, track.robot, track.path, track.s, track.motion, track.walking_loads(config, error))
 
@@ -213,7 +206,7 @@ def _carrying_families(
     return tuple(contacts), track.torque(payload, error)
 
 
-def _all_names(robot: Robot | Walker, contacts: tuple[ContactFamily, ...]) -> tuple[str, ...]:
+def _all_names(robot: Robot, contacts: tuple[ContactFamily, ...]) -> tuple[str, ...]:
     """Names of all rows: velocity, acceleration and torque per joint, then the limits of the contact systems."""
     names = [f"{joint} {kind}" for kind in ("velocity", "acceleration", "torque") for joint in robot.joint_names]
     for family in contacts:

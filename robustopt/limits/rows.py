@@ -21,7 +21,7 @@ from robustopt.limits import polygons
 from robustopt.limits.contact import ContactSystem
 from robustopt.limits.polygons import Family, Loads, Polygons
 from robustopt.limits.uncertainty import Body, regressor, spin_regressor
-from robustopt.robot import ArmDynamics, JointLimits
+from robustopt.robot import Dynamics, JointLimits
 
 Array = np.ndarray
 
@@ -46,17 +46,19 @@ class PathMotion:
 
     q1: Array
     q2: Array
-    arm: ArmDynamics
+    arm: Dynamics
     regressors: Array
 
 
-def path_motion(q1: Array, q2: Array, arm: ArmDynamics) -> PathMotion:
+def path_motion(q1: Array, q2: Array, arm: Dynamics) -> PathMotion:
     points, joints = q1.shape
-    J = arm.jacobian
+    carrier = arm.carrier
+    assert carrier is not None
+    J = carrier.jacobian
     linear, angular = np.zeros((points, 3 + joints, 3)), np.zeros((points, 3 + joints, 3))
     per_u = np.einsum("pij,pj->pi", J, q1)
-    per_x = np.einsum("pij,pj->pi", J, q2) + arm.bias
-    linear[:, 0], linear[:, 1], linear[:, 2] = per_u[:, :3], per_x[:, :3], -arm.gravity
+    per_x = np.einsum("pij,pj->pi", J, q2) + carrier.bias
+    linear[:, 0], linear[:, 1], linear[:, 2] = per_u[:, :3], per_x[:, :3], -carrier.gravity
     angular[:, 0], angular[:, 1] = per_u[:, 3:], per_x[:, 3:]
     linear[:, 3:], angular[:, 3:] = np.swapaxes(J[:, :3], 1, 2), np.swapaxes(J[:, 3:], 1, 2)
     regressors = regressor(linear, angular)
@@ -305,12 +307,13 @@ def torque_family(motion: PathMotion, limits: JointLimits, loads: Loads, middle:
     """Joint torque limits with a payload; middle, radius: of the joint acceleration error (n,) [rad/s^2]."""
     points, joints = motion.q1.shape
     arm, limit = motion.arm, np.r_[limits.torque, limits.torque]
+    assert arm.carrier is not None
     sign = np.r_[np.ones(joints), -np.ones(joints)]
-    B = both(np.swapaxes(arm.jacobian, 1, 2)) * (sign / limit)[:, None]
+    B = both(np.swapaxes(arm.carrier.jacobian, 1, 2)) * (sign / limit)[:, None]
     moving = np.abs(motion.q1) > DIRECTION_TOLERANCE * np.abs(motion.q1).max(axis=1, keepdims=True)
     direction = np.where(_changes_sign(motion.q1) | ~moving, np.nan, np.sign(motion.q1))
     resisting = np.where(np.isnan(both(direction)), 1.0, both(direction) * sign)
-    base = np.stack([both(part) * sign for part in (arm.tau_u, arm.tau_x, arm.tau_0)], axis=2)
+    base = np.stack([both(part) * sign for part in (arm.force_u, arm.force_x, arm.force_0)], axis=2)
     base[:, :, 2] += both(arm.mass_matrix @ middle) * sign + both(np.tile(limits.dry_friction, (points, 1))) * resisting
     base /= limit[:, None]
     base[:, :, 2] -= 1.0

@@ -31,7 +31,6 @@ from robustopt.limits.uncertainty import Body
 from robustopt.limits.walking import WalkMotion, walk_motion, walking_loads
 from robustopt.path import Path
 from robustopt.robot import Robot
-from robustopt.robot.walker import Walker
 
 Array = np.ndarray
 Error = tuple[Array, Array]
@@ -58,7 +57,7 @@ class Track:
     x_max: (P,) largest x that the joint velocities allow; fastest: (P,) which joint bounds it
     """
 
-    robot: Robot | Walker
+    robot: Robot
     path: Path
     s: Array
     piece: Array
@@ -89,7 +88,6 @@ class Track:
     def walking_loads(self, config: Config, error: Error) -> Loads:
         """Load of a robot on its feet with the configured beliefs: see `walking`."""
         robot, motion = self.robot, self.motion
-        assert isinstance(robot, Walker)
         assert isinstance(motion, WalkMotion)
         key = (repr((config.uncertainty.center_of_mass, config.uncertainty.mass)), _bytes(error))
         return self._once("loads", key, lambda: walking_loads(config, robot, motion, error))
@@ -136,7 +134,7 @@ def _bytes(error: Error) -> bytes:
     return np.concatenate(error).tobytes()
 
 
-def build_track(config: Config, robot: Robot | Walker, path: Path) -> Track:
+def build_track(config: Config, robot: Robot, path: Path) -> Track:
     """The track of a path, with the configured number of intervals."""
     s, piece = gridpoints(path, config.solver.collocation_points)
     for switch in path.switches:  # the limits on both sides of it hold there
@@ -147,10 +145,7 @@ def build_track(config: Config, robot: Robot | Walker, path: Path) -> Track:
     rest[doubled] = rest[doubled + 1] = True
     q, q1, q2 = (path.evaluate(s, piece, order) for order in (0, 1, 2))
     motion: PathMotion | WalkMotion
-    if isinstance(robot, Walker):
-        motion = walk_motion(robot, q, q1, q2)
-    else:
-        motion = path_motion(q1, q2, robot.dynamics(q, q1, q2))
+    motion = walk_motion(robot, q, q1, q2) if robot.base else path_motion(q1, q2, robot.dynamics(q, q1, q2))
     return Track(robot, path, s, piece, rest, motion, *_velocity_bound(q1, robot.limits.velocity))
 
 

@@ -21,8 +21,8 @@ from robustopt.limits.polygons import Family, Loads, Polygons, cut
 from robustopt.limits.rows import ContactFamily, evaluate
 from robustopt.limits.stances import eroded_sole, stance_system
 from robustopt.limits.uncertainty import Body, contact_shift, friction, regressor, spin_regressor, uncertain_body
-from robustopt.path.walking_path import WalkingPath
-from robustopt.robot.walker import BodyMotion, Walker, WalkerDynamics
+from robustopt.path import Path
+from robustopt.robot import BodyMotion, Dynamics, Robot
 
 Array = np.ndarray
 
@@ -37,7 +37,7 @@ class WalkMotion:
     q: Array
     q1: Array
     q2: Array
-    dynamics: WalkerDynamics
+    dynamics: Dynamics
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ class StandingTorque:
     loads: Loads
     contacts: tuple[ContactFamily, ...]
     standing: Array
-    dynamics: WalkerDynamics
+    dynamics: Dynamics
     limit: Array
     soles: Mapping[str, Array]
     rows: tuple[SharedRow, ...] = ()
@@ -130,13 +130,13 @@ class StandingTorque:
         return np.where(np.tile(self.known[points], 2), values, np.nan)
 
 
-def walk_motion(walker: Walker, q: Array, q1: Array, q2: Array) -> WalkMotion:
+def walk_motion(walker: Robot, q: Array, q1: Array, q2: Array) -> WalkMotion:
     """Motion along a path at P grid points: q, q', q'' (P, n)."""
     return WalkMotion(q, q1, q2, walker.dynamics(q, q1, q2))
 
 
 def walking_families(
-    config: Config, walker: Walker, path: WalkingPath, s: Array, motion: WalkMotion, loads: Loads
+    config: Config, walker: Robot, path: Path, s: Array, motion: WalkMotion, loads: Loads
 ) -> tuple[tuple[ContactFamily, ...], StandingTorque]:
     """Contacts and joint torques along the grid.
 
@@ -162,8 +162,8 @@ def walking_families(
 
 
 def _torque(
-    walker: Walker,
-    dynamics: WalkerDynamics,
+    walker: Robot,
+    dynamics: Dynamics,
     loads: Loads,
     contacts: tuple[ContactFamily, ...],
     standing: Array,
@@ -178,7 +178,7 @@ def _torque(
         for name in names:
             chain = walker.chains[name]
             if len(names) == 1:
-                pull = np.swapaxes(dynamics.jacobians[name][at][:, :, chain], 1, 2)
+                pull = np.swapaxes(dynamics.contact_jacobians[name][at][:, :, chain], 1, 2)
                 rows[np.ix_(np.flatnonzero(at), chain, np.arange(BASE))] = -pull
             else:
                 known[np.ix_(np.flatnonzero(at), chain)] = False
@@ -191,7 +191,7 @@ def _torque(
 # The load -------------------------------------------------------------------------------------------------
 
 
-def walking_loads(config: Config, walker: Walker, motion: WalkMotion, error: tuple[Array, Array]) -> Loads:
+def walking_loads(config: Config, walker: Robot, motion: WalkMotion, error: tuple[Array, Array]) -> Loads:
     """W with its interval terms: the acceleration error, and bodies whose mass or centre of mass is uncertain.
 
     error: middle and half-width of the acceleration error, (n,) each
@@ -247,7 +247,7 @@ def _stacked(terms: Sequence[Array], shape: tuple[int, int]) -> Array:
     return np.ascontiguousarray(np.stack(terms, axis=2))
 
 
-def _uncertain(config: Config, walker: Walker, name: str) -> tuple[Body, Array]:
+def _uncertain(config: Config, walker: Robot, name: str) -> tuple[Body, Array]:
     """A body with its intervals, and its inertial parameters in the model, (10,)."""
     mass, center, inertia = walker.inertia_of(name)
     interval = config.uncertainty.mass.get(name, (mass, mass))

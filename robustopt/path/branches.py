@@ -153,7 +153,7 @@ def fit_branch(robot: Robot, path: TrayPath, branch: Branch, tolerance: PathTole
 
 def _deviation(robot: Robot, path: TrayPath, sigma: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Distance [m] and angle [rad] (P,) of the tray at `q` (P, n) from the tray path."""
-    position, rotation = robot.tray_pose(q)
+    position, rotation = robot.carrier_pose(q)
     wanted_position, wanted_rotation = path.pose(sigma)
     difference = Rotation.from_matrix(wanted_rotation.transpose(0, 2, 1) @ rotation)
     return np.linalg.norm(position - wanted_position, axis=1), np.asarray(difference.magnitude())

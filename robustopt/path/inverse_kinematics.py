@@ -44,7 +44,7 @@ def solve_pose(
     """Joint position near `q` (n,) at which the tray is at `position` (3,) [m] and `rotation` (3, 3) in the world."""
     q = np.array(q, dtype=float)
     for _ in range(iterations):
-        p, R, J = robot.tray_jacobian(q)
+        p, R, J = robot.carrier_jacobian(q)
         error = np.concatenate((position - p, rotation_vector(rotation @ R.T)))
         solution = Solution(q, math.hypot(*error[:3]), math.hypot(*error[3:]))
         if solution.converged:

@@ -25,7 +25,7 @@ from robustopt.solvers.trajectory import binding_shares
 if TYPE_CHECKING:
     from robustopt.certificate import Certificate
     from robustopt.config import Config
-    from robustopt.robot import Links
+    from robustopt.robot import Robot
     from robustopt.simulation.trace import Trace
     from robustopt.solvers.plan import Plan
 
@@ -61,7 +61,7 @@ def write_figures(plan: Plan, config: Config, folder: Path, certificate: Certifi
         return [path for name, figure in drawn.items() for path in save(figure, folder, name)]
 
 
-def write_execution_figures(config: Config, traces: Sequence[Trace], robot: Links, folder: Path) -> list[Path]:
+def write_execution_figures(config: Config, traces: Sequence[Trace], robot: Robot, folder: Path) -> list[Path]:
     """Write the figures of trials: the first trace is the one whose accelerations are drawn.
 
     Args:

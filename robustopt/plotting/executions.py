@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from robustopt.plotting.style import BLUE, CONTACT_COLOURS, GREY, INK, LIMIT_COLOURS, PALE, VERMILLION, joint_unit
-from robustopt.robot import Links
+from robustopt.robot import Robot
 from robustopt.simulation.trace import Trace
 
 SHOWN = 1.5
@@ -26,7 +26,7 @@ LOADED = 0.05
 """Part of the largest planned force on a contact below which its friction and centre of pressure say nothing."""
 
 
-def trials_figure(traces: Sequence[Trace], robot: Links, title: str) -> Figure:
+def trials_figure(traces: Sequence[Trace], robot: Robot, title: str) -> Figure:
     """Slip and tilt of everything that friction holds and tracking error of joints over time, a column per trial."""
     figure = Figure(figsize=(max(3.6 * len(traces), 5.0) + 1.6, 6.4))
     axes = figure.subplots(3, len(traces), sharex="col", sharey="row", squeeze=False)
@@ -57,7 +57,7 @@ def trials_figure(traces: Sequence[Trace], robot: Links, title: str) -> Figure:
     return figure
 
 
-def accelerations_figure(trace: Trace, robot: Links, title: str) -> Figure:
+def accelerations_figure(trace: Trace, robot: Robot, title: str) -> Figure:
     """Acceleration of a trial, low-passed, against the plan, a row for each coordinate that the plan moves."""
     peaks = np.abs(trace.planned).max(axis=0)
     moved = np.flatnonzero(peaks > STILL * peaks.max())

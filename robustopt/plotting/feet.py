@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from robustopt.config import FEET
 from robustopt.limits.uncertainty import friction
-from robustopt.path.walking_path import WalkingPath
+from robustopt.path.footsteps import footsteps
 from robustopt.plotting.style import CONTACT_COLOURS, GREY, INK, PALE
-from robustopt.robot.walker import Walker
 from robustopt.solvers.contact_forces import ContactForces, planned_forces
 
 if TYPE_CHECKING:
@@ -85,12 +84,10 @@ def feet_figure(plan: Plan, title: str) -> Figure:
 
 def footprints_figure(plan: Plan, title: str) -> Figure:
     """From above: soles and palm, and the ways of the centre of mass and of the centre of pressure of the feet."""
-    forces, path, robot = planned_forces(plan), plan.problem.path, plan.problem.robot
-    assert isinstance(path, WalkingPath)
-    assert isinstance(robot, Walker)
+    forces, robot = planned_forces(plan), plan.problem.robot
     figure = Figure(figsize=(7, 5.4))
     axes = figure.subplots()
-    for k, standing in enumerate(path.footsteps.places):
+    for k, standing in enumerate(footsteps(plan.problem.config).places):
         for name, place in standing.items():
             label = name.replace("_", " ") if k == 0 else None
             _draw_sole(axes, place.world(robot.contacts[name].points)[:, :2], CONTACT_COLOURS[name], label)
@@ -113,6 +110,4 @@ def _draw_sole(axes: Axes, points: Array, colour: str, label: str | None) -> Non
 
 def _center_of_mass(plan: Plan, forces: ContactForces) -> Array:
     """Centre of mass in the plane, (M, 2) [m]."""
-    path = plan.problem.path
-    assert isinstance(path, WalkingPath)
-    return np.asarray(path.footsteps.com(forces.s))
+    return np.asarray(footsteps(plan.problem.config).com(forces.s))

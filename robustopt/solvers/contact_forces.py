@@ -18,8 +18,8 @@ from robustopt.config import FEET
 from robustopt.errors import ProblemInfeasible
 from robustopt.limits.load_sharing import distribute, willingness
 from robustopt.limits.walking import StandingTorque
-from robustopt.path.walking_path import WalkingPath
-from robustopt.robot.walker import WalkerDynamics
+from robustopt.path import Path
+from robustopt.robot import Dynamics
 from robustopt.solvers.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -100,14 +100,13 @@ def planned_forces(plan: Plan) -> ContactForces:
     problem = plan.problem
     torque, path = problem.limits.torque, problem.path
     assert isinstance(torque, StandingTorque)
-    assert isinstance(path, WalkingPath)
     trajectory = Trajectory.from_plan(plan)
     interval = np.arange(len(plan.u))
     points = np.concatenate([[0], np.column_stack([interval, interval + 1]).ravel(), [len(plan.s) - 1]])
     u = np.concatenate([[0.0], np.repeat(plan.u, 2), [0.0]])
     x = np.concatenate([[0.0], plan.x[points[1:-1]], [0.0]])
     middle = np.concatenate([[0.0], np.repeat(0.5 * (plan.s[:-1] + plan.s[1:]), 2), [1.0]])
-    phases = path.footsteps.phases
+    phases = len(path.stances)
     stance = np.minimum((middle * phases).astype(int), phases - 1)
     dynamics = torque.dynamics
     load = dynamics.force_u[points] * u[:, None] + dynamics.force_x[points] * x[:, None] + dynamics.force_0[points]
@@ -124,7 +123,7 @@ def planned_forces(plan: Plan) -> ContactForces:
 
 
 def _forces(
-    torque: StandingTorque, path: WalkingPath, s: Array, stance: Array, load: Array
+    torque: StandingTorque, path: Path, s: Array, stance: Array, load: Array
 ) -> tuple[dict[str, Array], dict[str, Array], Array]:
     """Forces and points of all contacts (M, k, 3), and what the wrench misses (M,)."""
     count = {name: len(points) for name, points in torque.soles.items()}
@@ -151,14 +150,14 @@ def _forces(
     return forces, corners, residual
 
 
-def _corners(torque: StandingTorque, path: WalkingPath, stance: int, name: str) -> Array:
+def _corners(torque: StandingTorque, path: Path, stance: int, name: str) -> Array:
     """Points of a contact (k, 3) where it rests in a stance, or did last."""
     while name not in path.stances[stance].places:
         stance -= 1
     return path.stances[stance].places[name].world(torque.soles[name])
 
 
-def _shares(path: WalkingPath, stance: int, s: Array) -> dict[str, Array]:
+def _shares(path: Path, stance: int, s: Array) -> dict[str, Array]:
     """How willingly each contact is used, (M,): a foot less after it landed and before it lifts."""
     own, stances = path.stances[stance], path.stances
     part = (s - own.begin) / (own.end - own.begin)
@@ -180,13 +179,13 @@ def _ramp(t: Array) -> Array:
 
 
 def _torque(
-    dynamics: WalkerDynamics, points: Array, load: Array, forces: Mapping[str, Array], corners: Mapping[str, Array]
+    dynamics: Dynamics, points: Array, load: Array, forces: Mapping[str, Array], corners: Mapping[str, Array]
 ) -> Array:
     """Joint torques (M, n) that are left for the motors, 0 for the base."""
     torque = load.copy()
     for name, pushes in forces.items():
         moment = np.cross(corners[name], pushes).sum(axis=1)
         wrench = np.concatenate([pushes.sum(axis=1), moment], axis=1)
-        torque -= (np.swapaxes(dynamics.jacobians[name][points], 1, 2) @ wrench[:, :, None])[:, :, 0]
+        torque -= (np.swapaxes(dynamics.contact_jacobians[name][points], 1, 2) @ wrench[:, :, None])[:, :, 0]
     torque[:, :BASE] = 0.0
     return torque

@@ -21,7 +21,6 @@ from robustopt.limits import TimeScalingProblem, build_rows
 from robustopt.limits.contact import carried
 from robustopt.limits.uncertainty import friction
 from robustopt.robot import load_robot
-from robustopt.robot.walker import Walker, load_walker
 from robustopt.solvers import Plan, Status, solve, standstill
 
 BISECTIONS = 12
@@ -170,7 +169,7 @@ def _trial(
             return False
         robot = problem.robot
         if any(key.startswith("robot.") for key in changes):
-            robot = load_walker(config) if config.walks else load_robot(config)
+            robot = load_robot(config)
         changed = build_rows(config, robot, problem.path)
         return _solvable(changed if limits is None else changed.only(limits))
 
@@ -250,7 +249,7 @@ def _loaded(config: Config, touched: Collection[str], torque: bool) -> set[str]:
 
 def _mass(problem: TimeScalingProblem, name: str) -> float:
     """Mass that the planner believes a body to have [kg]."""
-    if isinstance(problem.robot, Walker):
+    if problem.robot.base:
         return problem.robot.inertia_of(name)[0]
     return problem.config.carried_tray.mass if name == "tray" else problem.config.objects[name].mass
 

@@ -92,7 +92,7 @@ def program_at(torque: StandingTorque, point: int, counted: Array) -> tuple[Shar
     joints = np.flatnonzero(~torque.known[point] & counted)
     pull = np.zeros((len(joints), generators.shape[1]))
     for name, part in torque.parts(stance).items():
-        pull[:, part] = torque.dynamics.jacobians[name][point][:, joints].T @ generators[:, part]
+        pull[:, part] = torque.dynamics.contact_jacobians[name][point][:, joints].T @ generators[:, part]
     return SharingProgram(generators, pull, torque.limit[joints], family.weight), joints
 
 
@@ -196,7 +196,9 @@ def _explicit_use(torque: StandingTorque, counted: Array, points: Array, load: A
         left = load[here].copy()
         for name, part in parts.items():
             push = forces[:, part] @ system.generators[:, part].T
-            left -= (np.swapaxes(torque.dynamics.jacobians[name][points[here]], 1, 2) @ push[:, :, None])[:, :, 0]
+            left -= (np.swapaxes(torque.dynamics.contact_jacobians[name][points[here]], 1, 2) @ push[:, :, None])[
+                :, :, 0
+            ]
         shares = np.abs(left / torque.limit)[:, counted & ~torque.known[points[here[0]]]]
         use[here] = np.where(miss > MISS, np.inf, shares.max(axis=1))
     return use
