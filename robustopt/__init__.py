@@ -6,7 +6,7 @@
     problem = ro.build_problem(config)
     plan = ro.solve(problem)
     certificate = ro.certify(config, plan)
-    executions = ro.execute(config, plan, trials=100)
+    executions = ro.execute(plan, trials=100)
     learned = ro.learn(config)
 
 Names are imported when they are first used, so that importing the package is quick.

@@ -76,7 +76,7 @@ def execute_plan(
 ) -> ExecutionResult:
     """Execute a plan that has its certificate."""
     start = time.perf_counter()
-    executions = execute(config, planned.plan, speed=speed, workers=workers, progress=progress)
+    executions = execute(planned.plan, config, speed=speed, workers=workers, progress=progress)
     return ExecutionResult(config, planned.plan, executions, time.perf_counter() - start, planned=planned)
 
 
@@ -100,7 +100,7 @@ def execute_stored(
     config = load_config(folder / CONFIG, [*overrides, *_grid(stored)])
     plan = read_plan(config, folder / PLAN)
     start = time.perf_counter()
-    executions = execute(config, plan, speed=speed, workers=workers, progress=progress)
+    executions = execute(plan, config, speed=speed, workers=workers, progress=progress)
     seconds = time.perf_counter() - start
     return ExecutionResult(config, plan, executions, seconds, stored=stored, source=folder)
 
@@ -275,12 +275,12 @@ def sentence(executions: Executions) -> str:
 def write_executions_csv(outcomes: Sequence[TrialOutcome], path: Path) -> None:
     """Write one line per trial; every number reads back as the same floating point number, nan is left empty."""
     objects = list(outcomes[0].objects) if outcomes else []
-    rubbing = [name for name in objects if name in outcomes[0].friction]
-    masses = list(outcomes[0].mass) if outcomes else []
+    first = outcomes[:1]
+    actual = [(kind, name) for kind in ("friction", "mass", "force") for item in first for name in getattr(item, kind)]
     kinds = ("slip", "tilt", "drop", "lift")
     head = ["trial", "status", "what", "t", "s", "tracking_error", "torque"]
     head += [f"{kind}_{name}" for name in objects for kind in ("status", "t", *kinds)]
-    head += [f"friction_{name}" for name in rubbing] + [f"mass_{name}" for name in masses]
+    head += [f"{kind}_{name}" for kind, name in actual]
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(head)
@@ -289,7 +289,7 @@ def write_executions_csv(outcomes: Sequence[TrialOutcome], path: Path) -> None:
             row += [outcome.tracking_error, outcome.torque]
             for name in objects:
                 row += _object_cells(outcome.objects[name], kinds)
-            row += [outcome.friction[name] for name in rubbing] + [outcome.mass[name] for name in masses]
+            row += [getattr(outcome, kind)[name] for kind, name in actual]
             writer.writerow(["" if isinstance(value, float) and np.isnan(value) else value for value in row])
 
 

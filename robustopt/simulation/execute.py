@@ -11,7 +11,7 @@ from robustopt.arrays import Array
 from robustopt.confidence import clopper_pearson
 from robustopt.config import Config, ExecutionConfig
 from robustopt.errors import ConfigError, SimulationFailed
-from robustopt.simulation.controller import WITH_TORQUE, Reference, computed_torque, reference
+from robustopt.simulation.controller import WITH_TORQUE, computed_torque, reference
 from robustopt.simulation.feedback import Feedback, feedback_of
 from robustopt.simulation.gains import gains_of
 from robustopt.simulation.monte_carlo import Job, Progress, Workers, is_random, run_all

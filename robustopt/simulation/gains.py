@@ -6,11 +6,11 @@ import mujoco
 import numpy as np
 
 from robustopt.arrays import Array
-from robustopt.config import FEET, Config, ControllerConfig, ExecutionConfig, UncertaintyConfig
+from robustopt.config import FEET, Config, ExecutionConfig, UncertaintyConfig
+from robustopt.config.execution_model import ControllerConfig
 from robustopt.errors import ConfigError
 from robustopt.limits.uncertainty import Body, bodies, regressor
 from robustopt.robot import Robot
-from robustopt.robot.model_file import load_model
 from robustopt.simulation.controller import POSITION_VELOCITY, WITH_TORQUE, Gains
 
 BANDWIDTH = 50.0
@@ -44,7 +44,7 @@ def gains_of(config: Config, robot: Robot, q: Array) -> Gains:
     """
     execution = config.execution or ExecutionConfig()
     names, walks = robot.joint_names[robot.base :], robot.base > 0
-    found = _model_gains(load_model(config).original, SERVOS[walks])
+    found = _model_gains(robot.original, SERVOS[walks])
     if not all(name in found for name in names):
         kp, kd = (_walking_gains if walks else _arm_gains)(config, robot, q, execution.timestep)
         found = {name: {"kp": kp[k], "ki": 0.0, "kd": kd[k]} for k, name in enumerate(names)} | found
@@ -94,9 +94,11 @@ def _stable_part(largest: Array, matrices: Array, h: float) -> Array:
     move much the same, such as two of a shoulder whose axes coincide, have little inertia against each other: gains for
     all of it would be unstable, however sound each joint is by itself. So each joint counts with at most a multiple of
     its inertia while all others give way: the largest multiple with which the controller goes no more than `STABILITY`
-    of the way to its instability. With m joints, STABILITY / m of the limit of each alone is always stable: the matrices
-    are at least 1 / m of the diagonal of that inertia. kp and kd shrink alike, so a joint that counts with a part f of
-    its inertia has a damping ratio of sqrt(f); a shorter time step leaves more.
+    of the way to its instability.
+
+    With m joints, STABILITY / m of the limit of each alone is always stable: the matrices are at least 1 / m of the
+    diagonal of that inertia. kp and kd shrink alike, so a joint that counts with a part f of its inertia has a damping
+    ratio of sqrt(f); a shorter time step leaves more.
 
     Args:
         largest: inertia of each joint, loaded (m,).

@@ -44,9 +44,7 @@ STROKE = 0.1
 UNSEEN = (0.0, 0.0, 0.0, 0.0)
 
 
-def add_hold(
-    spec: mujoco.MjSpec, config: Config, tool: mujoco.MjsBody, patch: Patch, parameters: Parameters
-) -> None:
+def add_hold(spec: mujoco.MjSpec, config: Config, tool: mujoco.MjsBody, patch: Patch, parameters: Parameters) -> None:
     """Hold a part by a cup or pad.
 
     Args:
@@ -87,9 +85,7 @@ def held(config: Config, model: mujoco.MjModel) -> tuple[Held, ...]:
     """Return the interfaces of the held parts with the tool in a compiled model."""
     placed, found = placements(config), patches(config)
     contacts = {name: [p for p in found if p.object == name and p.law is not Law.FRICTION] for name in placed}
-    return tuple(
-        _held(model, name, placed[name], own) for name, own in contacts.items() if own
-    )
+    return tuple(_held(model, name, placed[name], own) for name, own in contacts.items() if own)
 
 
 def _held(model: mujoco.MjModel, name: str, place: Placement, contacts: list[Patch]) -> Held:

@@ -1,7 +1,7 @@
 """Interfaces of the simulated world: contacts, and the floating base, whose motion decides about a trial.
 
-Each interface turns the record of a trial into the movement of an object, a contact of the robot or its base against the
-planned place, and knows the ways to fail.
+Each interface turns the record of a trial into the movement of an object, a contact of the robot or its base against
+the planned place, and knows the ways to fail.
 """
 
 from __future__ import annotations
@@ -213,8 +213,8 @@ class Grounded:
 
     Attributes:
         name: name of the contact.
-        sensor: index in the sensor data of the pose of its site (3 + 4), then of force, moment and place of its force on
-            the floor or the rail (3 + 3 + 3), world.
+        sensor: index in the sensor data of the pose of its site (3 + 4), then of force, moment and place of its force
+            on the floor or the rail (3 + 3 + 3), world.
         points: contact points in the frame of its site (k, 3) [m].
         stands: times at which it rests.
         leaves: whether it fails by rising off its support, as a hand does.

@@ -202,9 +202,7 @@ def run_all(
     return outcomes, True
 
 
-def _chunk_outcomes(
-    job: Job, trials: Sequence[int], workers: Workers
-) -> Generator[list[TrialOutcome], None, None]:
+def _chunk_outcomes(job: Job, trials: Sequence[int], workers: Workers) -> Generator[list[TrialOutcome], None, None]:
     """Yield the outcomes of trials chunk by chunk, in their order."""
     processes, threads = share_cores(workers.processes)
     size = max(1, min(CHUNK, CHUNK_STEPS // len(job.planned.t)))

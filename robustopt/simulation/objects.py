@@ -172,7 +172,7 @@ def _shape(shape: ObjectConfig, inset: float, growth: float = 1.0) -> dict[str, 
 
 
 def _base_corners(shape: ObjectConfig) -> Array:
-    """Return the points of the base whose movement is slip: the corners of a box, the centre of a round base, (k, 3)."""
+    """Return the points of the base whose movement is slip, (k, 3): corners of a box, the centre of a round base."""
     h = half_height(shape)
     if shape.size is None:
         return np.array([[0.0, 0.0, -h]])

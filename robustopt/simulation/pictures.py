@@ -15,7 +15,7 @@ from robustopt.robot.model_file import USUAL
 from robustopt.simulation.ground import FLOOR, RAIL
 
 AWAY, AROUND, ABOVE = 0.6, 215.0, -18.0
-"""Camera of an arm: distance beyond the length of the path [m], angle about the vertical and above the horizon [deg]."""
+"""Camera of an arm: distance beyond the length of the path [m], angle about the vertical and over the horizon [deg]."""
 
 WALKING_AWAY, WALKING_AROUND, WALKING_ABOVE = 3.2, 110.0, -14.0
 """Camera of a walking robot: distance in heights of the pelvis, beyond the length of the walk; angle about the vertical

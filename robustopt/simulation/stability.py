@@ -1,9 +1,9 @@
 """Stability of the sampled joint controllers on a path.
 
-With the time step h, semi-implicit Euler and implicit joint damping D, the loop M qdd = -kp q - (kd + D) qd is stable if
-h^2 kp + 2 h (kd - D) < 4 M. M is the inertia of the robot with its tray, without objects, which can slide on it. If the
-base floats, M is the inertia of the joints while the base gives way. MuJoCo's integrator for it makes kd implicit too,
-so there the rule is stricter than the loop needs, but not stricter than the contacts of feet need at long time steps.
+With the time step h, semi-implicit Euler and implicit joint damping D, the loop M qdd = -kp q - (kd + D) qd is stable
+if h^2 kp + 2 h (kd - D) < 4 M. M is the inertia of the robot with its tray, without objects, which can slide on it. If
+the base floats, M is the inertia of the joints while the base gives way. MuJoCo's integrator for it makes kd implicit
+too, so there the rule is stricter than the loop needs, but not stricter than the contacts of feet need.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ GROWTH = 1e-9
 def require_stable(model: mujoco.MjModel, layout: JointLayout, gains: Gains, names: tuple[str, ...], q: Array) -> None:
     """Refuse a time step or an integral gain at which the controllers are unstable.
 
-    For integral gains, the largest eigenvalue of one step of the loop decides. More inertia, of a load or of a body over
-    a standing foot, makes that worse and is not counted, so a gain that is just accepted may still be too large.
+    For integral gains, the largest eigenvalue of one step of the loop decides. More inertia, of a load or of a body
+    over a standing foot, makes that worse and is not counted, so a gain that is just accepted may still be too large.
 
     Args:
         model: compiled world with nominal parameters.

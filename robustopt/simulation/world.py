@@ -12,25 +12,17 @@ from robustopt.arrays import Array
 from robustopt.config import FEET, Config, FailureConfig
 from robustopt.errors import ConfigError
 from robustopt.robot import load_robot
-from robustopt.scene.patches import Law, patches
-from robustopt.scene.placement import TRAY, placements
+from robustopt.scene.placement import TRAY
 from robustopt.simulation.controller import Gains, JointLayout, Reference
 from robustopt.simulation.drives import add_drives, frictional_limits, release
 from robustopt.simulation.ground import add_ground, grounded, set_contacts
-from robustopt.simulation.holding import add_finger, add_hold, held
+from robustopt.simulation.holding import held
 from robustopt.simulation.interfaces import Grounded, Interface, MeasuredContact, Trunk, base_rates, combined
-from robustopt.simulation.objects import (
-    CARRIER,
-    add_carrier,
-    add_contacts,
-    add_object,
-    add_pose_sensors,
-    orientation,
-    standing,
-)
+from robustopt.simulation.load import add_load, fix_load, place_load, positions_of
+from robustopt.simulation.objects import CARRIER, standing
 from robustopt.simulation.outcome import Criterion, Motion
 from robustopt.simulation.parameters import Parameters, nominal_parameters
-from robustopt.simulation.physics import PREFIX, physics_of, quaternion, set_inertia, set_options
+from robustopt.simulation.physics import PREFIX, physics_of, set_inertia, set_options
 from robustopt.simulation.pictures import add_scenery
 from robustopt.simulation.simulation import Record, velocities
 
@@ -69,9 +61,8 @@ class World:
         self.joint_names = self.robot.joint_names[self.driven]
         self.torque_limit = self.robot.limits.torque[self.driven]
         self.nominal = nominal_parameters(config, self.robot)
-        self._placed = placements(config)
-        self._holds = tuple(patch for patch in patches(config) if patch.law is not Law.FRICTION)
-        self._physics = physics_of(self.robot.base, bool(self._holds))
+        holds = any(body.held_by is not None for body in config.objects.values())
+        self._physics = physics_of(self.robot.base, holds)
         self._spec = self._with_robot(gains, timestep)
         self._trunk = tuple(self._trunks())
         tray = [] if config.tray is None else [TRAY]
@@ -91,7 +82,7 @@ class World:
             add_scenery(spec, self.config, self.robot)
         self._set_robot(spec, parameters)
         if self.robot.has_carrier:
-            self._add_load(spec, parameters)
+            add_load(spec, self.config, parameters, self._compensated(TRAY, parameters))
         return _compiled(spec)
 
     def rigid(self) -> mujoco.MjModel:
@@ -101,25 +92,20 @@ class World:
             spec.delete(item)
         for joint in spec.joints:
             joint.actgravcomp = False
-        tool = add_carrier(spec, self.config, self.nominal, self._physics.compensated)
-        for name, placement in self._placed.items():
-            add_object(tool, self.config, name, self.nominal, placement.position, orientation(placement))
-        for patch in self._holds:
-            if patch.law is Law.DRIVEN_PAD:
-                add_finger(tool, patch, self.config.objects[patch.object])
+        fix_load(spec, self.config, self.nominal, self._physics.compensated)
         return spec.compile()
 
     def layout(self, model: mujoco.MjModel) -> Layout:
         """Return the indices in the arrays of a model of this world."""
         actuators = [model.actuator(PREFIX + name).id for name in self.joint_names]
         tray = {} if self.config.tray is None else {TRAY: model.body(CARRIER).id}
-        carried = {name: model.body(PREFIX + name).id for name in self._placed}
+        carried = {name: model.body(PREFIX + name).id for name in self.config.objects}
         return Layout(
             joints=np.array([model.joint(name).qposadr[0] for name in self.joint_names]),
             dofs=np.array([model.joint(name).dofadr[0] for name in self.joint_names]),
             control=model.actuator_ctrladr[actuators],
             bodies={model.body(k).name: k for k in range(1, model.nbody)} | tray | carried,
-            objects={name: int(model.joint(PREFIX + name).qposadr[0]) for name in self._placed},
+            objects=positions_of(self.config, model),
             interfaces=(
                 *standing(self.config, model),
                 *held(self.config, model),
@@ -142,13 +128,9 @@ class World:
         own = self.robot.qpos(q[None])[0]
         base = len(own) - len(layout.joints)
         qpos[:base], qpos[layout.joints] = own[:base], own[base:]
-        if self._placed:
+        if layout.objects:
             position, frame = (item[0] for item in self.robot.carrier_pose(q[None]))
-            turn = quaternion(frame)
-            for name, placement in self._placed.items():
-                at = layout.objects[name]
-                qpos[at : at + 3] = position + frame @ placement.position
-                mujoco.mju_mulQuat(qpos[at + 3 : at + 7], turn, orientation(placement))
+            place_load(self.config, qpos, layout.objects, position, frame)
         return qpos
 
     def velocities(self, layout: Layout, record: Record, i: int) -> Array:
@@ -196,16 +178,6 @@ class World:
                 set_inertia(spec.body(name), parameters.bodies[name])
                 spec.body(name).gravcomp = self._compensated(name, parameters)
         set_contacts(spec, self.robot, parameters)
-
-    def _add_load(self, spec: mujoco.MjSpec, parameters: Parameters) -> None:
-        tool = add_carrier(spec, self.config, parameters, self._compensated(TRAY, parameters))
-        for name in self._placed:
-            body = add_object(spec.worldbody, self.config, name, parameters, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
-            body.add_freejoint(name=PREFIX + name)
-        add_contacts(spec, self.config, parameters)
-        for patch in self._holds:
-            add_hold(spec, self.config, tool, patch, parameters)
-        add_pose_sensors(spec, self.config)
 
     def _compensated(self, name: str, parameters: Parameters) -> float:
         """Return the part of the actual weight of a body that the controller takes off: its nominal weight."""
