@@ -105,7 +105,7 @@ def _stable_part(largest: Array, matrices: Array, h: float) -> Array:
         matrices: inertia of the joints along the path, unloaded (P, m, m).
         h: time step [s]; one that is too long for the bandwidth changes nothing: the user has to shorten it.
     """
-    flexibility = np.linalg.inv(matrices)
+    flexibility = np.asarray(np.linalg.inv(matrices), dtype=np.float64)
     alone = 1.0 / np.diagonal(flexibility, axis1=1, axis2=2).max(axis=0)
     stiffness = (h * BANDWIDTH) ** 2 / 4 + h * BANDWIDTH
 
@@ -138,7 +138,7 @@ def _walking_gains(config: Config, robot: Robot, q: Array, h: float) -> tuple[Ar
     kp[legs] = np.maximum(kp[legs], UPRIGHT * toppling)
     driven = slice(robot.base, None)
     kp, kd = kp[driven], 2 * np.sqrt(kp * inertia)[driven]
-    flexibility = np.linalg.inv(matrices)[:, driven, driven]  # while the base gives way
+    flexibility = np.asarray(np.linalg.inv(matrices)[:, driven, driven], dtype=np.float64)  # while the base gives way
     from_kp, from_kd = _largest_share(h**2 * kp / 4, flexibility), _largest_share(h * kd / 2, flexibility)
     if from_kp < STABILITY:  # else the user has to shorten the time step
         kd = kd * min(1.0, (STABILITY - from_kp) / from_kd)

@@ -29,8 +29,8 @@ SOLREF, SOLIMP = (0.005, 1.0), (0.95, 0.99, 0.001, 0.5, 2.0)
 """Stiffness of the contacts of a hand, equal to that of the feet of the shipped humanoid."""
 
 FALLEN, ON_RAIL, ON_FLOOR = 1 << 20, 1 << 21, 1 << 22
-"""Contact bits of the geoms that touch the floor only after a fall, that is all but the feet; of the hand on a rail; and
-of the contact points of the feet, whatever bits the model file gives them."""
+"""Contact bits of the geoms that touch the floor only after a fall, that is all but the feet; of the hand on a rail;
+and of the contact points of the feet, whatever bits the model file gives them."""
 OWN = FALLEN | ON_RAIL | ON_FLOOR
 """All of them, which the geoms of the model file lose."""
 

@@ -77,9 +77,8 @@ def nominal_parameters(config: Config, robot: Robot) -> Parameters:
     friction = {
         name: value_of(config.contact.friction, (name, body), np.nan) for name, body in config.interfaces.items()
     }
-    carried: dict[str, TrayConfig | ObjectConfig] = dict(config.objects)
-    if config.tray is not None:
-        carried = {"tray": config.tray} | carried
+    tray = {} if config.tray is None else {"tray": config.tray}
+    carried: dict[str, TrayConfig | ObjectConfig] = {**tray, **config.objects}
     bodies = {
         name: BodyParameters(item.mass, np.array(item.center_of_mass), inertia_matrix(item))
         for name, item in carried.items()

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from robustopt.arrays import Array, Flags
+from robustopt.arrays import Array, Flags, Indices
 
 SETTLE = 0.5
 """Time for which the world comes to rest under the controller before recording starts [s]."""
@@ -39,12 +39,12 @@ class Record:
     diverged: Flags
 
 
-def positions_before(record: Record, i: int, chosen: slice | Array = slice(None)) -> Array:
+def positions_before(record: Record, i: int, chosen: slice | Indices = slice(None)) -> Array:
     """Return positions of the trial with index i at the start of each step, (N, m); chosen: their indices in qpos."""
     return np.vstack([record.start_qpos[i, chosen], record.qpos[i, :-1][:, chosen]])
 
 
-def velocities(record: Record, i: int, dofs: Array) -> Array:
+def velocities(record: Record, i: int, dofs: Indices) -> Array:
     """Return velocities of the trial with index i before each step and after the last, (N + 1, m)."""
     return np.vstack([record.start_qvel[i, dofs], record.qvel[i][:, dofs]])
 
