@@ -45,7 +45,7 @@ def build_path(config: Config, robot: Robot) -> Path:
     if not usable:
         raise PathError(branch_problems(robot, tray, branches, start))
     paths = (_tray_joint_path(robot, tray, branch, config.path.tolerance) for branch in usable)
-    return _first_sound(paths, config, robot, "path.tray_poses")
+    return _first_sound(paths, config, robot, f"path.{tray.noun}")
 
 
 def _joint_path(config: Config, robot: Robot) -> Path:
@@ -62,7 +62,7 @@ def _tray_joint_path(robot: Robot, tray: TrayPath, branch: Branch, tolerance: Pa
         pieces = fit_branch(robot, tray, branch, tolerance)
     except BranchLostError as error:
         return f"{tray.label(error.sigma)}: {error.reason}; {WAYS_OUT}"
-    return Path(pieces, tray.breaks / tray.length, waypoints, "tray_poses")
+    return Path(pieces, tray.breaks / tray.length, waypoints, tray.noun)
 
 
 def _first_sound(paths: Iterable[Path | str], config: Config, robot: Robot, key: str) -> Path:

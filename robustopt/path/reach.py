@@ -11,7 +11,6 @@ from robustopt.path.inverse_kinematics import Solution, solve_from_everywhere
 from robustopt.path.tray_path import TrayPath
 from robustopt.robot import Robot
 
-KEY = "path.tray_poses"
 WAYS_OUT = "move the poses, put one between them, mount the tray otherwise, or give another path.start"
 
 
@@ -60,7 +59,8 @@ def _unreachable_poses(robot: Robot, path: TrayPath) -> list[ConfigProblem]:
         if not nearest.converged:
             problems.append(
                 ConfigProblem(
-                    f"{KEY}[{i}]", f"is out of reach: {_miss(nearest)}; move it, the base or the tray's mounting"
+                    f"path.{path.noun}[{i}]",
+                    f"is out of reach: {_miss(nearest)}; move it, the base or the tray's mounting",
                 )
             )
     return problems
@@ -70,7 +70,7 @@ def _limit_problem(robot: Robot, path: TrayPath, branch: Branch) -> ConfigProble
     beyond = np.maximum(robot.limits.lower - branch.q, branch.q - robot.limits.upper).max(axis=1)
     worst = int(np.argmax(beyond))
     return ConfigProblem(
-        KEY, f"{path.label(branch.sigma[worst])}: {limit_sentence(robot, branch.q[worst])}; {WAYS_OUT}"
+        f"path.{path.noun}", f"{path.label(branch.sigma[worst])}: {limit_sentence(robot, branch.q[worst])}; {WAYS_OUT}"
     )
 
 
@@ -84,7 +84,7 @@ def _end_problem(robot: Robot, path: TrayPath, branch: Branch) -> ConfigProblem:
         reason = "the arm meets a singularity and could go on only with a jump"
     else:
         reason = f"the arm gets out of reach: {_miss(nearest)}"
-    return ConfigProblem(KEY, f"{path.label(branch.ended_at)}: {reason}; {WAYS_OUT}")
+    return ConfigProblem(f"path.{path.noun}", f"{path.label(branch.ended_at)}: {reason}; {WAYS_OUT}")
 
 
 def _miss(nearest: Solution) -> str:

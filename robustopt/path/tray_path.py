@@ -44,6 +44,7 @@ class TrayPath:
     turn: np.ndarray
     blend: np.ndarray
     stops: np.ndarray
+    noun: str = "tray_poses"
 
     @property
     def length(self) -> float:
@@ -73,7 +74,7 @@ class TrayPath:
 
     def label(self, sigma: float) -> str:
         """Where `sigma` is, in the configuration's words, e.g. "between tray_poses[1] and tray_poses[2], at 40 %"."""
-        return label(self.start, sigma, "tray_poses")
+        return label(self.start, sigma, self.noun)
 
     def _nearest_corner(self, sigma: np.ndarray) -> np.ndarray:
         middle = (self.start[1:] + self.start[:-1]) / 2
@@ -96,18 +97,18 @@ def tray_path(path: PathConfig) -> TrayPath:
 
     Raises PathError for fewer than two poses, repeated poses, and turns by half a turn.
     """
-    poses = path.tray_poses or ()
+    poses, key = path.poses or (), path.poses_key
     if len(poses) < 2:
-        raise PathError(f"a path needs at least two tray poses; there is {len(poses) or 'none'}", key="path.tray_poses")
+        raise PathError(f"a path needs at least two poses; there is {len(poses) or 'none'}", key=f"path.{key}")
     position = np.array([pose.position for pose in poses])
     rotation = np.array([orientation(pose) for pose in poses])
     angle = Rotation.from_matrix(rotation[:-1].transpose(0, 2, 1) @ rotation[1:]).as_rotvec()
     length = np.hypot(np.linalg.norm(np.diff(position, axis=0), axis=1), TURN_LENGTH * np.linalg.norm(angle, axis=1))
-    _check_segments(length, angle)
+    _check_segments(length, angle, key)
     velocity, turn = np.diff(position, axis=0) / length[:, None], angle / length[:, None]
     blend, stops = _corners(velocity, turn, length, path.blend)
     start = np.concatenate(([0.0], np.cumsum(length)))
-    return TrayPath(start, position, rotation, velocity, turn, blend, stops)
+    return TrayPath(start, position, rotation, velocity, turn, blend, stops, key)
 
 
 def orientation(pose: FramePose) -> np.ndarray:
@@ -117,15 +118,15 @@ def orientation(pose: FramePose) -> np.ndarray:
     return np.asarray(Rotation.from_euler("xyz", pose.rpy or (0.0, 0.0, pose.yaw or 0.0)).as_matrix())
 
 
-def _check_segments(length: np.ndarray, angle: np.ndarray) -> None:
+def _check_segments(length: np.ndarray, angle: np.ndarray, key: str) -> None:
     problems = [
-        ConfigProblem(f"path.tray_poses[{i + 1}]", f"repeats tray_poses[{i}]; leave one of them out")
+        ConfigProblem(f"path.{key}[{i + 1}]", f"repeats {key}[{i}]; leave one of them out")
         for i in np.flatnonzero(length < SAME_POSE)
     ]
     problems += [
         ConfigProblem(
-            f"path.tray_poses[{i + 1}]",
-            f"is half a turn from tray_poses[{i}], which leaves open which way round; put a pose between them",
+            f"path.{key}[{i + 1}]",
+            f"is half a turn from {key}[{i}], which leaves open which way round; put a pose between them",
         )
         for i in np.flatnonzero(np.linalg.norm(angle, axis=1) > HALF_TURN)
     ]

@@ -11,7 +11,6 @@ from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
 from robustopt.config import FEET
-from robustopt.limits.uncertainty import friction
 from robustopt.path.footsteps import footsteps
 from robustopt.plotting.style import CONTACT_COLOURS, GREY, INK, PALE
 from robustopt.solvers.contact_forces import ContactForces, planned_forces
@@ -33,7 +32,7 @@ def foot_utilisation(config: Config, plan: Plan) -> tuple[Array, dict[str, tuple
     The first is |f_t| / (mu f_n), the second the larger share of its way from the middle of the sole to its edge that
     the centre of pressure has gone, along x or y; both are not a number while a foot is in the air.
     """
-    forces, mu = planned_forces(plan), friction(config)
+    forces, mu = planned_forces(plan), plan.problem.limits.uncertainty.worst_friction
     used = {}
     for name, loaded in _loaded(forces).items():
         pressed, axes = forces.pressed(name), forces.axes[name]

@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from robustopt.limits.uncertainty import acceleration_error
 from robustopt.plotting.style import BLUE, INK, VERMILLION, joint_unit
 from robustopt.solvers.contact_forces import planned_forces
 from robustopt.solvers.trajectory import Trajectory, joint_motion
@@ -97,7 +96,7 @@ def joint_quantities(plan: Plan) -> tuple[Array, list[Quantity]]:
 def _acceleration(plan: Plan, value: Array) -> Quantity:
     """Joint acceleration; the limits less its error."""
     limit = plan.problem.robot.limits.acceleration
-    middle, radius = acceleration_error(plan.problem.config, value.shape[1])
+    middle, radius = plan.problem.limits.uncertainty.error.arrays
     lower, upper = (
         np.broadcast_to(-limit - middle + radius, value.shape),
         np.broadcast_to(limit - middle - radius, value.shape),
@@ -116,7 +115,7 @@ def _torque(plan: Plan, points: NDArray[np.intp], u: Array, x: Array) -> Quantit
         u_there, x_there = np.zeros(len(plan.s)), np.zeros(len(plan.s))
         u_there[points[end::2]], x_there[points[end::2]] = u[end::2], x[end::2]
         value[end::2] = plan.problem.torques(u_there, x_there)[points[end::2]]
-    most, least = np.split((plan.problem.limits.torque.excess(u, x, points) + 1.0) * np.tile(limit, 2), 2, axis=1)
+    most, least = np.split((plan.problem.limits.torque.sides(u, x, points) + 1.0) * np.tile(limit, 2), 2, axis=1)
     return Quantity("torque", value, -limit, limit, -limit + (value + least), limit - (most - value))
 
 

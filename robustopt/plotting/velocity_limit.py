@@ -71,12 +71,9 @@ def _with_exact_viscous_torque(problem: TimeScalingProblem, most: Array) -> Arra
 
 def _with_all_facets(problem: TimeScalingProblem) -> TimeScalingProblem:
     """The problem with all facets of its contact cones: a solver may have added only those that its plans violated."""
-    contacts = problem.limits.contacts
-    facets = [None if family.system.facets is None else family.system.facets / family.weight for family in contacts]
-    if all(full is None or len(full) <= len(rows) for full, rows in zip(facets, problem.facets, strict=True)):
-        return problem
-    pairs = zip(facets, problem.facets, strict=True)
-    return problem.with_facets(tuple(rows if full is None else full for full, rows in pairs))
+    contacts = [limit.with_all_facets() for limit in problem.limits.contacts]
+    same = all(full is held for full, held in zip(contacts, problem.limits.contacts, strict=True))
+    return problem if same else problem.with_contacts(contacts)
 
 
 def largest_x(a: Array, b: Array, c: Array, lowest: Array, highest: Array) -> Array:

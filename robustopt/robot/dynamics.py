@@ -117,11 +117,11 @@ def path_dynamics(model: mujoco.MjModel, frames: Frames, q: Array, q1: Array, q2
         q, q1, q2: coordinates, q'(s) and q''(s), (P, n) each
     """
     P, n = q.shape
-    data, site = mujoco.MjData(model), frames.carrier
+    data, origin = mujoco.MjData(model), np.zeros(3)
     mass_matrix, force_0, moving = np.empty((P, n, n)), np.empty((P, n)), np.empty((P, n))
     jacobians = {name: np.empty((P, 6, n)) for name in frames.contacts}
-    carrier = _CarrierRecord(model, data, site, P) if site is not None else None
-    origin = np.zeros(3)
+    contacts = [(J[:, :3], J[:, 3:], frames.contacts[name]) for name, J in jacobians.items()]
+    carrier = _Carrier(model, data, frames.carrier, P) if frames.carrier is not None else None
     springs = np.any(model.jnt_stiffness) or np.any(model.jnt_stiffnesspoly) or model.ntendon
     for i in range(P):
         data.qpos[:] = q[i]
@@ -133,10 +133,10 @@ def path_dynamics(model: mujoco.MjModel, frames: Frames, q: Array, q1: Array, q2
         mujoco.mj_fullM(model, data, mass_matrix[i])
         mujoco.mj_comVel(model, data)
         mujoco.mj_rne(model, data, 0, moving[i])
-        for name, J in jacobians.items():
-            mujoco.mj_jac(model, data, J[i, :3], J[i, 3:], origin, frames.contacts[name])
+        for linear, angular, body in contacts:
+            mujoco.mj_jac(model, data, linear[i], angular[i], origin, body)
         if carrier is not None:
-            carrier.record(i, q1[i])
+            carrier.record(i)
         data.qvel[:] = 0
         mujoco.mj_comVel(model, data)
         mujoco.mj_rne(model, data, 0, force_0[i])
@@ -148,37 +148,38 @@ def path_dynamics(model: mujoco.MjModel, frames: Frames, q: Array, q1: Array, q2
     force_x = (mass_matrix @ q2[:, :, None])[:, :, 0] + moving - force_0
     if frames.base:
         _base_rows_to_wrench(next(iter(jacobians.values())), (force_u, force_x, force_0), mass_matrix)
-    motion = carrier.motion() if carrier is not None else None
+    motion = carrier.motion(q1) if carrier is not None else None
     return Dynamics(force_u, force_x, force_0, mass_matrix, jacobians, motion)
 
 
-class _CarrierRecord:
-    """Record of the carrier frame, point by point, and its motion in carrier axes."""
+class _Carrier:
+    """A record of the carrier frame, point by point, and its motion in carrier axes."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, site: int, points: int) -> None:
-        self._model, self._data, self._site, self._body = model, data, site, int(model.site_bodyid[site])
-        self._site_position, self._site_rotation = data.site_xpos[site], data.site_xmat[site].reshape(3, 3)
-        self._jacobian, self._rate = np.empty((points, 6, model.nv)), np.empty((6, model.nv))
-        self._position, self._rotation = np.empty((points, 3)), np.empty((points, 3, 3))
-        self._bias = np.empty((points, 6))
+        jacobian, rate = np.empty((points, 6, model.nv)), np.empty((points, 6, model.nv))
+        position, rotation = np.empty((points, 3)), np.empty((points, 3, 3))
+        now, turn, body = data.site_xpos[site], data.site_xmat[site].reshape(3, 3), int(model.site_bodyid[site])
+        linear, angular, linear_rate, angular_rate = jacobian[:, :3], jacobian[:, 3:], rate[:, :3], rate[:, 3:]
 
-    def record(self, i: int, q1: Array) -> None:
-        """Record the frame at point i, with kinematics and velocities of the model at hand."""
-        model, data, J, rate = self._model, self._data, self._jacobian[i], self._rate
-        mujoco.mj_jacSite(model, data, J[:3], J[3:], self._site)
-        mujoco.mj_jacDot(model, data, rate[:3], rate[3:], self._site_position, self._body)
-        self._bias[i] = rate @ q1
-        self._position[i], self._rotation[i] = self._site_position, self._site_rotation
+        def record(i: int) -> None:
+            mujoco.mj_jacSite(model, data, linear[i], angular[i], site)
+            mujoco.mj_jacDot(model, data, linear_rate[i], angular_rate[i], now, body)
+            position[i], rotation[i] = now, turn
 
-    def motion(self) -> CarrierMotion:
-        """Return what was recorded, turned into carrier axes."""
-        into, J, bias = self._rotation.transpose(0, 2, 1), self._jacobian, self._bias
+        self.record = record
+        self._jacobian, self._rate, self._position, self._rotation = jacobian, rate, position, rotation
+        self._gravity = np.array(model.opt.gravity)
+
+    def motion(self, q1: Array) -> CarrierMotion:
+        """Return what was recorded, turned into carrier axes; q1: q'(s) (P, n)."""
+        into, J = self._rotation.transpose(0, 2, 1), self._jacobian
+        bias = (self._rate @ q1[:, :, None])[:, :, 0]
         return CarrierMotion(
             position=self._position,
             rotation=self._rotation,
             jacobian=np.concatenate((into @ J[:, :3], into @ J[:, 3:]), axis=1),
             bias=np.concatenate(((into @ bias[:, :3, None])[:, :, 0], (into @ bias[:, 3:, None])[:, :, 0]), axis=1),
-            gravity=into @ np.array(self._model.opt.gravity),
+            gravity=into @ self._gravity,
         )
 
 
