@@ -10,7 +10,7 @@ from scenes import FIXTURES, G
 
 from robustopt.config import Config
 from robustopt.config.load import with_values
-from robustopt.limits.uncertainty import inertia_matrix
+from robustopt.limits.bodies import inertia_matrix
 from robustopt.robot.preparation import CARRIER_SITE
 from robustopt.simulation.holding import held
 from robustopt.simulation.load import add_load, place_load, positions_of

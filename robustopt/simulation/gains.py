@@ -9,7 +9,8 @@ from robustopt.arrays import Array
 from robustopt.config import FEET, Config, ExecutionConfig, UncertaintyConfig
 from robustopt.config.execution_model import ControllerConfig
 from robustopt.errors import ConfigError
-from robustopt.limits.uncertainty import Body, bodies, regressor
+from robustopt.limits.bodies import Body, regressor
+from robustopt.limits.uncertainty import bodies
 from robustopt.robot import Robot
 from robustopt.simulation.controller import POSITION_VELOCITY, WITH_TORQUE, Gains
 

@@ -15,7 +15,7 @@ from robustopt.arrays import Array
 from robustopt.config import Config, ObjectConfig, TrayConfig, TruthConfig, VariationConfig
 from robustopt.config.per_name import value_of
 from robustopt.errors import ConfigError
-from robustopt.limits.uncertainty import INERTIA_TERMS, inertia_matrix
+from robustopt.limits.bodies import INERTIA_TERMS, inertia_matrix
 from robustopt.robot import Robot
 
 Sampler = Callable[[float, float, bool], float]
