@@ -13,11 +13,11 @@ from robustopt.config.load import with_values
 from robustopt.limits.bodies import inertia_matrix
 from robustopt.robot.preparation import CARRIER_SITE
 from robustopt.simulation.holding import held
-from robustopt.simulation.load import add_load, place_load, positions_of
 from robustopt.simulation.outcome import Motion
 from robustopt.simulation.parameters import BodyParameters, Parameters
 from robustopt.simulation.physics import physics_of, set_options
 from robustopt.simulation.simulation import Workspace, simulate
+from robustopt.simulation.world import add_load, place_load, positions_of
 
 CARRIAGE = 100.0
 """Mass of the carriage [kg]."""

@@ -25,12 +25,11 @@ from robustopt.simulation.controller import POSITION_VELOCITY, Gains, JointLayou
 from robustopt.simulation.disturbance import FORCE, WORLD, forces, generator
 from robustopt.simulation.execute import Executions, prepare
 from robustopt.simulation.feedback import acceleration_error, feedback_of, with_errors
-from robustopt.simulation.gains import BANDWIDTH, STABILITY, _stable_part, gains_of
+from robustopt.simulation.gains import BANDWIDTH, STABILITY, _stable_part, gains_of, require_stable
 from robustopt.simulation.monte_carlo import Job, is_random, run_all, run_trials, share_cores, simulate_trials
 from robustopt.simulation.outcome import TrialOutcome
 from robustopt.simulation.parameters import actual_parameters, nominal_parameters, varies
 from robustopt.simulation.simulation import Workspace
-from robustopt.simulation.stability import require_stable
 from robustopt.simulation.trace import trace
 from robustopt.simulation.world import World
 from robustopt.solvers.trajectory import Trajectory

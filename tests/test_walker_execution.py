@@ -27,7 +27,7 @@ from robustopt.simulation import Status, execute, monte_carlo
 from robustopt.simulation.controller import Gains, Reference
 from robustopt.simulation.execute import faster, prepare
 from robustopt.simulation.gains import gains_of
-from robustopt.simulation.interfaces import LANDING, MeasuredContact, stands, turning
+from robustopt.simulation.interfaces import LANDING, Grounded, MeasuredContact, stands, turning
 from robustopt.simulation.monte_carlo import Job, run_trials, simulate_trials
 from robustopt.simulation.outcome import TrialOutcome
 from robustopt.simulation.parameters import BodyParameters, Parameters
@@ -86,7 +86,8 @@ def standing(
     job = replace(job, planned=planned)
     prepared, record = simulate_trials(job, [0], 1, Workspace())
     (outcome,) = run_trials(job, [0], 1)
-    return outcome, job.world.contacts(prepared.layout, record, 0)
+    ground = [item for item in prepared.layout.interfaces if isinstance(item, Grounded)]
+    return outcome, {item.name: item.measured(record, 0, 0.001) for item in ground}
 
 
 def test_a_robot_that_stands_still_stays(plan):

@@ -23,11 +23,8 @@ WITH_TORQUE = POSITION_VELOCITY | int(_INPUTS.mjINPUT_FF)
 class Gains:
     """Gains of the controllers of m joints.
 
-    Attributes:
-        kp: proportional gains (m,) [N m/rad or N/m].
-        ki: integral gains (m,) [N m/(rad s) or N/(m s)].
-        kd: derivative gains (m,) [N m s/rad or N s/m].
-        inputs: the inputs that the controllers take, bits of MuJoCo's mjtCtrlInput.
+    kp (m,) [N m/rad or N/m]; ki (m,) [N m/(rad s) or N/(m s)]; kd (m,) [N m s/rad or N s/m]; inputs: the inputs that
+    the controllers take, bits of MuJoCo's mjtCtrlInput
     """
 
     kp: Array
@@ -40,15 +37,10 @@ class Gains:
 class Reference:
     """Reference of the controllers, one row for each of N time steps; n coordinates.
 
-    Attributes:
-        t: start of each step, 0 at the start of the motion (N,) [s].
-        s: planned place on the path at that time (N,).
-        q: planned coordinates at that time (N, n) [rad or m].
-        qd: planned velocities at that time (N, n).
-        qdd: planned accelerations in the middle of each step (N, n).
-        moving: steps of the motion (N,).
-        torque: torque of the planned motion in the middle of each step (N, n) [N m or N], or None if it is not fed
-            forward.
+    t: start of each step, 0 at the start of the motion (N,) [s]; s: planned place on the path at that time (N,); q, qd:
+    planned coordinates and velocities at that time (N, n); qdd: accelerations in the middle of each step (N, n);
+    moving: steps of the motion (N,); torque: of the planned motion in the middle of each step (N, n) [N m or N], None
+    if it is not fed forward
     """
 
     t: Array
@@ -62,13 +54,7 @@ class Reference:
 
 @dataclass(frozen=True)
 class JointLayout:
-    """Indices of the m joints with a motor in the arrays of a compiled model.
-
-    Attributes:
-        joints: in qpos (m,).
-        dofs: in qvel (m,).
-        control: first control input of each (m,).
-    """
+    """Indices of the m joints with a motor: in qpos, in qvel, and of the first control input of each, (m,)."""
 
     joints: Indices
     dofs: Indices
@@ -95,12 +81,7 @@ def controls(model: mujoco.MjModel, layout: JointLayout, planned: Reference, dri
 
 
 def computed_torque(rigid: mujoco.MjModel, planned: Reference) -> Array:
-    """Return the torque of the planned motion beyond gravity compensation, by inverse dynamics, (N, n).
-
-    Args:
-        rigid: model of the robot with its nominal load fixed to it.
-        planned: motion to follow.
-    """
+    """Return the torque of a motion beyond gravity compensation (N, n), of a robot with its load fixed to it."""
     data = mujoco.MjData(rigid)
     torque = np.zeros_like(planned.q)
     for i in range(len(planned.t)):

@@ -22,14 +22,10 @@ def frictional_limits(config: Config, robot: Robot) -> JointLimits:
 
 
 def add_drives(spec: mujoco.MjSpec, robot: Robot, limits: JointLimits, gains: Gains, compensated: float) -> None:
-    """Give joints their limits and friction, and each a motor with its controller.
+    """Give the joints their limits and friction, and each a motor with its controller.
 
-    Args:
-        spec: the robot.
-        robot: the robot, with m joints that have a motor.
-        limits: of these joints (m,) each.
-        gains: of their controllers.
-        compensated: part of its own weight that the controller takes off the robot.
+    limits, gains: of the joints with a motor; compensated: part of its own weight that the controller takes off the
+    robot
     """
     for item in [*spec.actuators, *spec.sensors]:
         spec.delete(item)
@@ -52,7 +48,7 @@ def _set_joint(spec: mujoco.MjSpec, name: str, limits: JointLimits, i: int, hing
     joint.range, joint.margin = np.array([limits.lower[i], limits.upper[i]]) / unit, 0.0
     joint.limited = bool(np.isfinite(joint.range).all())
     joint.frictionloss = limits.dry_friction[i]
-    joint.damping = _first(joint.damping, limits.viscous_friction[i])
+    joint.damping = [limits.viscous_friction[i], 0.0, 0.0]
 
 
 def release(spec: mujoco.MjSpec) -> None:
@@ -61,12 +57,3 @@ def release(spec: mujoco.MjSpec) -> None:
         spec.delete(pair)
     for geom in spec.geoms:
         geom.contype = geom.conaffinity = 0
-
-
-def _first(values: Array | float, value: float) -> Array | float:
-    """Return a coefficient, or a polynomial with this first coefficient in place of its own."""
-    if np.ndim(values) == 0:
-        return value
-    result = np.zeros_like(values)
-    result[0] = value
-    return result

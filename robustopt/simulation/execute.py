@@ -13,10 +13,9 @@ from robustopt.config import Config, ExecutionConfig
 from robustopt.errors import ConfigError, SimulationFailed
 from robustopt.simulation.controller import WITH_TORQUE, computed_torque, reference
 from robustopt.simulation.feedback import Feedback, feedback_of
-from robustopt.simulation.gains import gains_of
+from robustopt.simulation.gains import gains_of, require_stable
 from robustopt.simulation.monte_carlo import Job, Progress, Workers, is_random, run_all
 from robustopt.simulation.outcome import Status, TrialOutcome
-from robustopt.simulation.stability import require_stable
 from robustopt.solvers import Plan
 from robustopt.solvers.contact_forces import planned_forces
 from robustopt.solvers.plan import controls_of

@@ -73,17 +73,11 @@ def grounded(config: Config, robot: Robot, model: mujoco.MjModel) -> tuple[Groun
     """Return the interfaces of a robot with its environment in a compiled model."""
     if not robot.contacts:
         return ()
-    stances = footsteps(config).stances
-    return tuple(
-        Grounded(
-            name=name,
-            sensor=int(model.sensor(f"{PREFIX}{name}_mjSENS_FRAMEPOS").adr[0]),
-            points=sole.points,
-            stands=stands(stances, name),
-            leaves=name not in FEET,
-        )
-        for name, sole in robot.contacts.items()
-    )
+    stances, found = footsteps(config).stances, []
+    for name, sole in robot.contacts.items():
+        sensor = int(model.sensor(f"{PREFIX}{name}_mjSENS_FRAMEPOS").adr[0])
+        found.append(Grounded(name, sensor, sole.points, stands(stances, name), leaves=name not in FEET))
+    return tuple(found)
 
 
 def _separate(spec: mujoco.MjSpec) -> None:

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from robustopt.arrays import Array
-from robustopt.config import Config, ObjectConfig
+from robustopt.config import Config
 from robustopt.robot.model_file import USUAL
 from robustopt.scene.patches import Law, Patch, patches
 from robustopt.scene.placement import Placement, placements
@@ -45,19 +45,11 @@ UNSEEN = (0.0, 0.0, 0.0, 0.0)
 
 
 def add_hold(spec: mujoco.MjSpec, config: Config, tool: mujoco.MjsBody, patch: Patch, parameters: Parameters) -> None:
-    """Hold a part by a cup or pad.
-
-    Args:
-        spec: the world, with the part in it.
-        config: the task.
-        tool: body of the cups and pads; its frame is the carrier frame.
-        patch: contact of the cup or pad.
-        parameters: friction of the contact, force, and inset of the lip or pad.
-    """
+    """Hold a part by the cup or pad of a patch; tool: body of the cups and pads, its frame is the carrier frame."""
     part, force = spec.body(PREFIX + patch.object), parameters.force[patch.object]
     holder, origin, axes = tool, patch.origin, patch.axes
     if patch.law is Law.DRIVEN_PAD:
-        holder, origin, axes = add_finger(tool, patch, config.objects[patch.object]), np.zeros(3), np.eye(3)
+        holder, origin, axes = add_finger(tool, config, patch), np.zeros(3), np.eye(3)
         _add_closing_force(holder, force)
     elif patch.law is Law.SUCTION:
         _add_vacuum(spec, tool, part, placements(config)[patch.object], patch, force)
@@ -72,33 +64,28 @@ def add_hold(spec: mujoco.MjSpec, config: Config, tool: mujoco.MjsBody, patch: P
         add_contact(spec, name, part.name, parameters.friction[patch.name])
 
 
-def add_finger(tool: mujoco.MjsBody, patch: Patch, part: ObjectConfig) -> mujoco.MjsBody:
+def add_finger(tool: mujoco.MjsBody, config: Config, patch: Patch) -> mujoco.MjsBody:
     """Add the driven finger of a gripper, fixed to the tool; z of its frame points into the part."""
     finger = tool.add_body(name=PREFIX + patch.name, pos=patch.origin, quat=quaternion(patch.axes))
-    hold = part.held_by.tool if part.held_by is not None else None
-    finger.explicitinertial, finger.mass = True, max(getattr(hold, "finger_mass", 0.0), LEAST_MASS)
+    hold = config.objects[patch.object].held_by
+    mass = hold.grip.finger_mass if hold is not None and hold.grip is not None else 0.0
+    finger.explicitinertial, finger.mass = True, max(mass, LEAST_MASS)
     finger.inertia = np.full(3, 1e-3 * finger.mass)
     return finger
 
 
 def held(config: Config, model: mujoco.MjModel) -> tuple[Held, ...]:
     """Return the interfaces of the held parts with the tool in a compiled model."""
-    placed, found = placements(config), patches(config)
-    contacts = {name: [p for p in found if p.object == name and p.law is not Law.FRICTION] for name in placed}
-    return tuple(_held(model, name, placed[name], own) for name, own in contacts.items() if own)
-
-
-def _held(model: mujoco.MjModel, name: str, place: Placement, contacts: list[Patch]) -> Held:
-    counts = [len(patch.polygon) for patch in contacts]
-    return Held(
-        name=name,
-        sensor=pose_sensor(model, name),
-        position=place.position,
-        rotation=place.rotation,
-        points=np.vstack([patch.points for patch in contacts]),
-        normals=np.repeat([patch.axes[:, 2] for patch in contacts], counts, axis=0),
-        rigid=np.repeat([patch.law is not Law.DRIVEN_PAD for patch in contacts], counts),
-    )
+    found = []
+    for name, place in placements(config).items():
+        contacts = [patch for patch in patches(config) if patch.object == name and patch.law is not Law.FRICTION]
+        counts = [len(patch.polygon) for patch in contacts]
+        if contacts:
+            points = np.vstack([patch.points for patch in contacts])
+            normals = np.repeat([patch.axes[:, 2] for patch in contacts], counts, axis=0)
+            rigid = np.repeat([patch.law is not Law.DRIVEN_PAD for patch in contacts], counts)
+            found.append(Held(name, pose_sensor(model, name), place.position, place.rotation, points, normals, rigid))
+    return tuple(found)
 
 
 def _add_closing_force(finger: mujoco.MjsBody, force: float) -> None:

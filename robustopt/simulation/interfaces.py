@@ -61,14 +61,9 @@ def combined(motions: Sequence[Motion]) -> Motion:
 class Standing:
     """An object on a support.
 
-    Attributes:
-        name: name of the object.
-        sensor: index of its pose in the frame of the support in the sensor data.
-        position: planned centre of the object in the frame of the support (3,) [m].
-        yaw: planned yaw in that frame [rad].
-        corners: points of its base whose movement is slip, from the object's centre (k, 3) [m].
-        radius: of a round base [m].
-        top: height of the support's upper face above its centre [m].
+    sensor: index of its pose in the frame of the support in the sensor data; position: planned centre in that frame
+    (3,) [m]; yaw: planned there [rad]; corners: points of its base whose movement is slip, from the object's centre
+    (k, 3) [m]; radius: of a round base [m]; top: height of the support's upper face above its centre [m]
     """
 
     name: str
@@ -88,10 +83,8 @@ class Standing:
 
     def motion(self, planned: Reference, record: Record, i: int) -> Motion:
         """Return the movement against the support."""
-        x, y, z, qw, qx, qy, qz = np.ascontiguousarray(record.sensors[i][:, self.sensor : self.sensor + 7].T)
-        xx, xy, xz = 1 - 2 * (qy * qy + qz * qz), 2 * (qx * qy - qw * qz), 2 * (qx * qz + qw * qy)
-        yx, yy, yz = 2 * (qx * qy + qw * qz), 1 - 2 * (qx * qx + qz * qz), 2 * (qy * qz - qw * qx)
-        zx, zy, zz = 2 * (qx * qz - qw * qy), 2 * (qy * qz + qw * qx), 1 - 2 * (qx * qx + qy * qy)
+        x, y, z, *turn = np.ascontiguousarray(record.sensors[i][:, self.sensor : self.sensor + 7].T)
+        (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = _rotation(*turn)
         cosine, sine = np.cos(self.yaw), np.sin(self.yaw)
         moved, lowest = np.zeros_like(x), np.full_like(x, np.inf)
         for a, b, c in self.corners.tolist():
@@ -108,16 +101,11 @@ class Standing:
 
 @dataclass(frozen=True)
 class Held:
-    """A part that cups or pads hold.
+    """A part that cups or pads hold; all in the carrier frame.
 
-    Attributes:
-        name: name of the part.
-        sensor: index of its pose in the carrier frame in the sensor data.
-        position: planned centre of the part, carrier frame (3,) [m].
-        rotation: planned axes of the part as columns, carrier frame (3, 3).
-        points: points of its lips and pads, carrier frame (k, 3) [m].
-        normals: normals of these points, from the tool into the part (k, 3).
-        rigid: the points that open against the tool: the driven finger follows its part (k,).
+    sensor: index of its pose in the sensor data; position: planned centre (3,) [m]; rotation: planned axes as columns
+    (3, 3); points: of its lips and pads (k, 3) [m]; normals: of these points, from the tool into the part (k, 3);
+    rigid: points that can open, because the driven finger follows its part (k,)
     """
 
     name: str
@@ -180,10 +168,8 @@ def stands(stances: Sequence[Stance], name: str) -> tuple[Stand, ...]:
 class MeasuredContact:
     """Force on a foot from the floor, or on a hand from its rail, at the start of each step; low-passed.
 
-    Attributes:
-        force: in the axes of the contact, the normal force last (N, 3) [N].
-        center_of_pressure: place in the plane of the contact at which it acts, x and y in the world (N, 2) [m]; nan
-            without a force.
+    force: in the axes of the contact, the normal force last (N, 3) [N]; center_of_pressure: place in the plane of the
+    contact at which it acts, x and y in the world (N, 2) [m], nan without a force
     """
 
     force: Array
@@ -191,15 +177,7 @@ class MeasuredContact:
 
     @classmethod
     def of(cls, place: Place, force: Array, moment: Array, point: Array, timestep: float) -> MeasuredContact:
-        """Return a measured contact from its wrench about a point.
-
-        Args:
-            place: a plane of the contact.
-            force: world (N, 3) [N].
-            moment: about the point, world (N, 3) [N m].
-            point: world (N, 3) [m].
-            timestep: time step [s].
-        """
+        """Return it from force and moment about a point, world axes (N, 3) each; place: a plane of the contact."""
         whole = moment + np.cross(point - place.position, force)
         force, whole = low_passed(force @ place.axes, timestep), low_passed(whole @ place.axes, timestep)
         lift = np.where(force[:, 2] > LEAST_FORCE, force[:, 2], np.nan)
@@ -211,13 +189,9 @@ class MeasuredContact:
 class Grounded:
     """A foot on the floor or a hand on a rail.
 
-    Attributes:
-        name: name of the contact.
-        sensor: index in the sensor data of the pose of its site (3 + 4), then of force, moment and place of its force
-            on the floor or the rail (3 + 3 + 3), world.
-        points: contact points in the frame of its site (k, 3) [m].
-        stands: times at which it rests.
-        leaves: whether it fails by rising off its support, as a hand does.
+    sensor: index in the sensor data of the pose of its site (3 + 4), then of force, moment and place of its force on
+    the floor or the rail (3 + 3 + 3), world; points: contact points in the frame of its site (k, 3) [m]; stands: times
+    at which it rests; leaves: whether it fails by rising off its support, as a hand does
     """
 
     name: str
@@ -232,11 +206,7 @@ class Grounded:
         return (*slips, Criterion(Status.LOST_CONTACT, "lift", failure.hand_lift)) if self.leaves else slips
 
     def motion(self, planned: Reference, record: Record, i: int) -> Motion:
-        """Return the movement while the contact rests, 0 while it does not.
-
-        A standing contact slips by the movement of the points that touch; one that has just landed may take up its load
-        first.
-        """
+        """Return the movement while the contact rests, of its points that touch; 0 while it does not rest."""
         s, place = planned.s, self.stands[0].place
         poses = record.sensors[i][:, self.sensor : self.sensor + 7]
         rotations = place.axes.T @ _rotations(poses[:, 3:])
@@ -294,12 +264,7 @@ def base_rates(record: Record, i: int) -> Array:
 
 
 def turning(quaternions: Array, spin: Array) -> Array:
-    """Return the rates of the angles about z, y and x (N, 3) [rad/s].
-
-    Args:
-        quaternions: orientation w, x, y, z (N, 4).
-        spin: angular velocity, body axes (N, 3) [rad/s].
-    """
+    """Return the rates of the angles about z, y and x (N, 3) [rad/s] for a spin in body axes (N, 3) [rad/s]."""
     w, x, y, z = quaternions.T
     roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
     pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))
@@ -310,10 +275,13 @@ def turning(quaternions: Array, spin: Array) -> Array:
 
 def _rotations(quaternions: Array) -> Array:
     """Return the rotation matrices (N, 3, 3) of unit quaternions w, x, y, z (N, 4)."""
-    w, x, y, z = quaternions.T
-    rows = [
+    return np.moveaxis(np.array(_rotation(*quaternions.T)), 2, 0)
+
+
+def _rotation(w: Array, x: Array, y: Array, z: Array) -> list[list[Array]]:
+    """Return the rows of the rotation matrices of unit quaternions, (N,) each."""
+    return [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
         [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
         [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
     ]
-    return np.moveaxis(np.array(rows), 2, 0)

@@ -39,14 +39,7 @@ Progress = Callable[[int, int, int], None]
 
 @dataclass(frozen=True)
 class Job:
-    """Everything that a worker needs to run any trial.
-
-    Attributes:
-        config: the task, with its section `execution`.
-        gains: gains of the joint controllers.
-        planned: reference of the controllers.
-        seed: seed of all trials.
-    """
+    """Everything that a worker needs to run any trial."""
 
     config: Config
     gains: Gains
@@ -79,14 +72,7 @@ class Job:
 
 @dataclass(frozen=True)
 class Prepared:
-    """The start of k trials.
-
-    Attributes:
-        trials: their numbers (k,).
-        parameters: actual parameters of each (k,).
-        offsets: calibration offsets of the coordinates (k, n) [rad or m].
-        layout: indices in the arrays of their models.
-    """
+    """The start of k trials: numbers, actual parameters, calibration offsets (k, n), and the layout of their models."""
 
     trials: Sequence[int]
     parameters: Sequence[Parameters]
@@ -139,12 +125,12 @@ def _pushed(world: World, layout: Layout, name: str | None) -> int:
 def outcome_of(job: Job, prepared: Prepared, record: Record, i: int) -> TrialOutcome:
     """Return the outcome of the trial with index i of a chunk."""
     world, layout, planned, failure = job.world, prepared.layout, job.planned, job.execution.failure
-    criteria, trial, parameters = world.criteria(layout, failure), prepared.trials[i], prepared.parameters[i]
+    criteria, trial, parameters = layout.criteria(failure), prepared.trials[i], prepared.parameters[i]
     if record.diverged[i]:
         return diverged(trial, parameters, list(criteria))
     share = np.abs(record.torque[i][:, layout.dofs]) / world.torque_limit
     outcome = judge(
-        trial, parameters, failure, planned, world.motions(layout, planned, record, i), criteria,
+        trial, parameters, failure, planned, layout.motions(planned, record, i), criteria,
         dict(zip(world.joint_names, share.T, strict=True)), np.abs(tracking_error(job, prepared, record, i)).max(),
     )  # fmt: skip
     return with_errors(outcome, world.velocities(layout, record, i), planned, job.execution.timestep)
@@ -187,13 +173,12 @@ def run_all(
     Returns:
         the outcomes in the order of the trials, and whether all trials were run.
     """
-    if trials and not is_random(job.execution):
-        return _all_alike(job, trials, progress)
+    alike = bool(trials) and not is_random(job.execution)
+    results = _here(job, [trials[:1]], 1) if alike else _chunk_outcomes(job, trials, workers)
     outcomes: list[TrialOutcome] = []
-    results = _chunk_outcomes(job, trials, workers)
     try:
         for chunk in results:
-            outcomes += chunk
+            outcomes += [replace(chunk[0], trial=k) for k in trials] if alike else chunk
             if progress is not None:
                 progress(len(outcomes), len(trials), sum(outcome.success for outcome in outcomes))
     except KeyboardInterrupt:
@@ -219,18 +204,6 @@ def is_random(execution: ExecutionConfig) -> bool:
     """Check whether trials differ: a force, a calibration offset or a parameter of the world is random."""
     random = execution.disturbance
     return varies(execution.truth) or any(random.force_deviation) or bool(np.any(random.calibration_deviation))
-
-
-def _all_alike(job: Job, trials: Sequence[int], progress: Progress | None) -> tuple[list[TrialOutcome], bool]:
-    outcomes: list[TrialOutcome] = []
-    try:
-        (first,) = run_trials(job, trials[:1], 1)
-        outcomes = [replace(first, trial=k) for k in trials]
-        if progress is not None:
-            progress(len(trials), len(trials), len(trials) * first.success)
-    except KeyboardInterrupt:
-        return outcomes, False
-    return outcomes, True
 
 
 def _here(job: Job, chunks: Sequence[Sequence[int]], threads: int) -> Generator[list[TrialOutcome], None, None]:

@@ -13,6 +13,7 @@ from robustopt.config.object_model import contact_names
 from robustopt.geometry import RESOLUTION, rotation
 from robustopt.robot.model_file import USUAL
 from robustopt.robot.preparation import CARRIER_SITE
+from robustopt.scene.placement import CARRIER as CARRIER_FRAME
 from robustopt.scene.placement import TRAY, Placement, half_height, placements, supports
 from robustopt.simulation.interfaces import Standing
 from robustopt.simulation.parameters import Parameters
@@ -99,25 +100,16 @@ def pose_sensor(model: mujoco.MjModel, name: str, support: str = TRAY) -> int:
 
 def standing(config: Config, model: mujoco.MjModel) -> tuple[Standing, ...]:
     """Return the interfaces of the objects with their supports in a compiled model."""
-    placed, found = placements(config), []
-    for name, upper in placed.items():
-        for support in supports(config.objects[name]):
-            lower = placed.get(support)
-            centre, yaw = (np.zeros(3), 0.0) if lower is None else (lower.planar, lower.yaw)
-            below = config.tray if lower is None else config.objects[support]
-            assert below is not None, "checked when the configuration was read"
-            step = upper.planar - centre
-            found.append(
-                Standing(
-                    name=name,
-                    sensor=pose_sensor(model, name, support),
-                    position=np.r_[rotation(-yaw) @ step[:2], step[2]],
-                    yaw=upper.yaw - yaw,
-                    corners=_base_corners(config.objects[name]),
-                    radius=config.objects[name].radius,
-                    top=half_height(below),
-                )
-            )
+    tray = 0.0 if config.tray is None else half_height(config.tray)
+    level = Placement(np.zeros(3), np.eye(3), tray, TRAY, CARRIER_FRAME, np.zeros(3), 0.0)
+    placed, found = {TRAY: level, **placements(config)}, []
+    for name in placements(config):
+        shape = config.objects[name]
+        for support in supports(shape):
+            upper, lower, sensor = placed[name], placed[support], pose_sensor(model, name, support)
+            step, corners = upper.planar - lower.planar, _base_corners(shape)
+            position, yaw = np.r_[rotation(-lower.yaw) @ step[:2], step[2]], upper.yaw - lower.yaw
+            found.append(Standing(name, sensor, position, yaw, corners, shape.radius, lower.half_height))
     return tuple(found)
 
 

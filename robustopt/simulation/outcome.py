@@ -147,15 +147,8 @@ def judge(
 ) -> TrialOutcome:  # fmt: skip
     """Return the outcome of a trial that did not diverge.
 
-    Args:
-        trial: number of the trial.
-        parameters: actual parameters of its world.
-        failure: thresholds of the configuration.
-        planned: reference of the controller, N steps.
-        motions: movement by name of each object, environment contact and floating base.
-        criteria: ways to fail by the same names; of two in the same step the first counts.
-        torque: torque of each joint as a part of its limit, by name (N,).
-        tracking_error: largest distance of a joint from its reference [rad or m].
+    motions, criteria: by name of each object, environment contact and floating base; torque: of each joint as a part of
+    its limit, by name (N,); tracking_error: largest distance of a joint from its reference [rad or m]
     """
     objects = {name: _judge_object(motion, criteria[name], planned.t) for name, motion in motions.items()}
     events = [(item.time, item.status, name) for name, item in objects.items() if item.status is not Status.SUCCESS]

@@ -26,10 +26,7 @@ Sampler = Callable[[float, float, bool], float]
 class BodyParameters:
     """Inertial parameters of the tray, an object or a body of the robot.
 
-    Attributes:
-        mass: mass [kg].
-        center_of_mass: centre of mass, frame of the body (3,) [m].
-        inertia: inertia about the centre of mass, axes of the body (3, 3) [kg m^2].
+    mass [kg]; center_of_mass: frame of the body (3,) [m]; inertia: about it, axes of the body (3, 3) [kg m^2]
     """
 
     mass: float
@@ -41,12 +38,9 @@ class BodyParameters:
 class Parameters:
     """Parameters of one world.
 
-    Attributes:
-        friction: coefficient of friction by contact.
-        bodies: inertial parameters of the tray (`tray`) and the objects, and of the robot's bodies that
-            `execution.truth` names.
-        force: force of each cup or of the gripper by held object [N].
-        inset: distance by which a base, sole, palm, lip or pad is smaller than planned on every side, by name [m].
+    friction: coefficient by contact; bodies: inertial parameters of the tray (`tray`), the objects, and the robot's
+    bodies that `execution.truth` names; force: of each cup or of the gripper by held object [N]; inset: distance by
+    which a base, sole, palm, lip or pad is smaller than planned on every side, by name [m]
     """
 
     friction: Mapping[str, float]
@@ -69,11 +63,7 @@ def varies(truth: TruthConfig) -> bool:
 
 
 def nominal_parameters(config: Config, robot: Robot) -> Parameters:
-    """Return the planner's values: the middle of an interval of force.
-
-    Raises:
-        ConfigError: `execution.truth` names a body that neither the task nor the robot has.
-    """
+    """Return the planner's values, the middle of an interval of force; a ConfigError for bodies that do not exist."""
     friction = {
         name: value_of(config.contact.friction, (name, body), np.nan) for name, body in config.interfaces.items()
     }

@@ -34,12 +34,9 @@ HOLDING_RATIO = 100.0
 class Physics:
     """Settings of the simulation that differ between kinds of robots.
 
-    Attributes:
-        integrator: MuJoCo's integrator.
-        impedance_ratio: stiffness of friction over that of the normal direction, against creep.
-        iterations: most iterations of the contact solver.
-        tolerance: tolerance of the contact solver.
-        compensated: part of its own weight that the controller takes off the robot.
+    integrator: MuJoCo's; impedance_ratio: stiffness of friction over that of the normal direction, against creep;
+    iterations, tolerance: of the contact solver; compensated: part of its own weight that the controller takes off the
+    robot
     """
 
     integrator: mujoco.mjtIntegrator
@@ -55,12 +52,7 @@ WALKING = Physics(mujoco.mjtIntegrator.mjINT_IMPLICITFAST, 20.0, 50, 1e-8, 0.0)
 
 
 def physics_of(base: int, holds: bool) -> Physics:
-    """Return the settings for a robot.
-
-    Args:
-        base: number of coordinates of its floating base, 0 for an arm.
-        holds: whether cups or pads hold a part.
-    """
+    """Return the settings for a robot with so many base coordinates, 0 for an arm; holds: by cups or pads."""
     found = WALKING if base else ARM
     return replace(found, impedance_ratio=HOLDING_RATIO) if holds else found
 
@@ -85,16 +77,16 @@ def add_contact(spec: mujoco.MjSpec, first: str, second: str, friction: float) -
     )  # fmt: skip
 
 
-def quaternion(axes: Array) -> Array:
-    """Return the quaternion (4,) of a frame whose axes are the columns of a matrix (3, 3)."""
-    found = np.zeros(4)
-    mujoco.mju_mat2Quat(found, np.ascontiguousarray(axes).ravel())
-    return found
-
-
 def set_inertia(body: mujoco.MjsBody, parameters: BodyParameters) -> None:
     """Give a body its mass, centre of mass and inertia."""
     body.explicitinertial = True
     body.mass, body.ipos = parameters.mass, parameters.center_of_mass
     i = parameters.inertia
     body.fullinertia = [i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2]]
+
+
+def quaternion(axes: Array) -> Array:
+    """Return the quaternion (4,) of a frame whose axes are the columns of a matrix (3, 3)."""
+    found = np.zeros(4)
+    mujoco.mju_mat2Quat(found, np.ascontiguousarray(axes).ravel())
+    return found

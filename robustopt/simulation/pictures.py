@@ -25,11 +25,7 @@ _SKY = (0.93, 0.95, 0.97)
 
 
 class View(NamedTuple):
-    """A camera.
-
-    lookat: the point at the centre of its picture (3,) [m]; distance: from there [m]; azimuth, elevation: about the
-    vertical and above the horizon [deg].
-    """
+    """A camera: the point it looks at (3,), its distance [m], angle about the vertical and over the horizon [deg]."""
 
     lookat: Array
     distance: float
@@ -39,18 +35,13 @@ class View(NamedTuple):
 
 def view_of(config: Config, robot: Robot, q: Array) -> View:
     """Return a camera that sees the whole path of a robot, coordinates q (P, n)."""
-    if robot.contacts:
-        return _walking_view(config, robot)
-    carrier, _ = robot.carrier_pose(q)
-    return View(carrier.mean(axis=0), AWAY + float(np.ptp(carrier, axis=0).max()), AROUND, ABOVE)
-
-
-def _walking_view(config: Config, robot: Robot) -> View:
+    if not robot.contacts:
+        carrier, _ = robot.carrier_pose(q)
+        return View(carrier.mean(axis=0), AWAY + float(np.ptp(carrier, axis=0).max()), AROUND, ABOVE)
     feet = np.array([[standing[foot].position[:2] for foot in FEET] for standing in footsteps(config).places])
     height, way = float(robot.posture[2]), float(np.ptp(feet.mean(axis=1), axis=0).max())
     azimuth = -WALKING_AROUND if "left_hand" in robot.contacts else WALKING_AROUND
-    middle = np.append(feet.mean(axis=(0, 1)), height)
-    return View(middle, WALKING_AWAY * height + way, azimuth, WALKING_ABOVE)
+    return View(np.append(feet.mean(axis=(0, 1)), height), WALKING_AWAY * height + way, azimuth, WALKING_ABOVE)
 
 
 def add_scenery(spec: mujoco.MjSpec, config: Config, robot: Robot) -> None:

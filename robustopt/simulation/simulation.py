@@ -22,12 +22,9 @@ CONTROL = int(mujoco.mjtState.mjSTATE_CTRL) | int(mujoco.mjtState.mjSTATE_XFRC_A
 class Record:
     """States of k trials over N time steps.
 
-    Attributes:
-        qpos, qvel: after each step (k, N, nq), (k, N, nv).
-        start_qpos, start_qvel: before the first step (k, nq), (k, nv).
-        sensors: sensor data at the start of each step (k, N, .).
-        torque: torque of drives and gravity compensation together at the start of each step (k, N, nv) [N m or N].
-        diverged: trials that diverged (k,).
+    qpos (k, N, nq), qvel (k, N, nv): after each step; start_qpos (k, nq), start_qvel (k, nv): before the first; sensors
+    (k, N, .) and torque (k, N, nv), of drives and gravity compensation together: at the start of each step; diverged:
+    (k,)
     """
 
     qpos: Array
@@ -69,14 +66,10 @@ class Workspace:
 def simulate(
     models: Sequence[mujoco.MjModel], start: Array, control: Array, threads: int, workspace: Workspace
 ) -> Record:
-    """Run trials from rest.
+    """Run k trials from rest, so many threads at a time.
 
-    Args:
-        models: one for all k trials, or one for each.
-        start: initial qpos (k, nq).
-        control: control inputs, then the external forces on all bodies (k, N, nu + 6 nbody).
-        threads: largest number of trials at a time.
-        workspace: arrays to record in.
+    models: one for all trials, or one for each; start: qpos (k, nq); control: inputs, then the external forces on all
+    bodies (k, N, nu + 6 nbody)
     """
     trials, steps = control.shape[:2]
     model = models[0]

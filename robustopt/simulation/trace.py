@@ -9,7 +9,7 @@ from robustopt.arrays import Array, Flags
 from robustopt.config import Config
 from robustopt.simulation.execute import faster, prepare
 from robustopt.simulation.feedback import acceleration_error
-from robustopt.simulation.interfaces import MeasuredContact
+from robustopt.simulation.interfaces import Grounded, MeasuredContact
 from robustopt.simulation.monte_carlo import outcome_of, simulate_trials, tracking_error
 from robustopt.simulation.outcome import Motion, TrialOutcome
 from robustopt.simulation.simulation import Workspace
@@ -70,8 +70,9 @@ def trace(plan: Plan, trial: int, config: Config | None = None, seed: int | None
     prepared, record = simulate_trials(job, [trial], 1, Workspace())
     world, layout, planned = job.world, prepared.layout, job.planned
     error, _ = acceleration_error(world.velocities(layout, record, 0), planned.qdd, job.execution.timestep)
-    criteria = [item for items in world.criteria(layout, job.execution.failure).values() for item in items]
-    contacts = world.contacts(layout, record, 0)
+    criteria = [item for items in layout.criteria(job.execution.failure).values() for item in items]
+    ground = [item for item in layout.interfaces if isinstance(item, Grounded)]
+    contacts = {item.name: item.measured(record, 0, job.execution.timestep) for item in ground}
     return Trace(
         outcome=outcome_of(job, prepared, record, 0),
         t=planned.t,
@@ -79,7 +80,7 @@ def trace(plan: Plan, trial: int, config: Config | None = None, seed: int | None
         tracking_error=tracking_error(job, prepared, record, 0),
         planned=planned.qdd,
         executed=planned.qdd + error,
-        objects=world.motions(layout, planned, record, 0),
+        objects=layout.motions(planned, record, 0),
         qpos=record.qpos[0],
         joint_names=world.joint_names,
         thresholds={item.kind: item.limit for item in criteria},

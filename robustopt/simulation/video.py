@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from robustopt.config import Config
 from robustopt.errors import SimulationFailed
 from robustopt.simulation.execute import prepare
-from robustopt.simulation.pictures import View, view_of
+from robustopt.simulation.pictures import View, add_scenery, view_of
 from robustopt.simulation.trace import Trace
 from robustopt.solvers import Plan
 
@@ -44,9 +44,11 @@ def film(plan: Plan, traces: Sequence[Trace], config: Config | None = None, seed
     job = prepare(plan, config, seed)
     columns = []
     for trace in traces:
-        model = job.world.model(job.parameters(trace.outcome.trial), scenery=True)
-        layout = job.world.layout(model)
-        columns.append(_frames(model, view_of(job.config, job.world.robot, trace.qpos[::100][:, layout.joints]), trace))
+        spec = job.world.spec(job.parameters(trace.outcome.trial))
+        add_scenery(spec, job.config, job.world.robot)
+        model = spec.compile()
+        q = trace.qpos[::100][:, job.world.layout(model).joints]
+        columns.append(_frames(model, view_of(job.config, job.world.robot, q), trace))
     return [np.concatenate(row, axis=1) for row in zip(*columns, strict=True)]
 
 
