@@ -53,17 +53,19 @@ class ForceProgram:
         matrix = np.column_stack([system.generators * weight, -self.reference]) * self.scale[:, None]
         k = matrix.shape[1]
         self.program = LinearProgram(matrix, np.r_[np.zeros(k - 1), 1.0], np.r_[np.zeros(k - 1), -np.inf])
-        self.parts = system.parts
+        self.parts, self.transform = system.parts, system.transform
 
     def solve(self, wrench: Array) -> tuple[float, Array]:
         """Return t and the dual row y (d,) with y w = t for a wrench w (d,), as a fraction of the weight."""
-        right = wrench * self.scale
+        supplied = wrench if self.transform is None else self.transform @ wrench
+        right = supplied * self.scale
         for _ in range(TWIST_ROUNDS):
             solution, dual = self.program.solve(right, right)
             if not self._add_twist(solution):
                 break
         dual = dual[: len(right)] * self.scale
-        return float(dual @ wrench), dual
+        row = dual if self.transform is None else dual @ self.transform
+        return float(row @ wrench), row
 
     def _add_twist(self, solution: Array) -> bool:
         """Add the twist row of each contact that a solution violates most; return whether there was one."""
