@@ -12,7 +12,7 @@ from robustopt.config import Config
 from robustopt.config.load import with_values
 from robustopt.limits.bodies import inertia_matrix
 from robustopt.robot.preparation import CARRIER_SITE
-from robustopt.simulation.holding import held
+from robustopt.simulation.holding import held, holds_of
 from robustopt.simulation.outcome import Motion
 from robustopt.simulation.parameters import BodyParameters, Parameters
 from robustopt.simulation.physics import physics_of, set_options
@@ -67,7 +67,7 @@ def carriage(config: Config, tool: np.ndarray) -> mujoco.MjModel:
     car.add_site(name=CARRIER_SITE, quat=quaternion)
     for name, axis in zip("xyz", np.eye(3), strict=True):
         car.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
-    add_load(spec, config, parameters_of(config), 0.0)
+    add_load(spec, config, parameters_of(config), holds_of(config), 0.0)
     total = CARRIAGE + sum(body.mass for body in spec.bodies if body.name not in ("world", "car"))
     for name in "xyz":
         motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
@@ -93,7 +93,7 @@ def accelerated(
         place_load(config, qpos, positions_of(config, model), np.zeros(3), tool)
     record = simulate([model], start, control, 2, Workspace())
     assert not record.diverged.any()
-    (interface,) = held(config, model)
+    (interface,) = held(holds_of(config), model)
     return [interface.motion(None, record, i) for i in range(len(levels))]  # type: ignore[arg-type]
 
 

@@ -36,10 +36,16 @@ _COLOURS = ((0.85, 0.45, 0.25), (0.25, 0.5, 0.85), (0.35, 0.65, 0.35), (0.8, 0.7
 
 
 def add_carrier(spec: mujoco.MjSpec, config: Config, parameters: Parameters, compensated: float) -> mujoco.MjsBody:
-    """Add the tray, or without one a body without mass, at the carrier frame; compensated: part of its weight that the
-    controller takes off."""
-    site = spec.site(CARRIER_SITE)
-    body = site.parent.add_body(name=CARRIER, pos=site.pos, quat=site.quat)
+    """Add the tray, or without one a body without mass, at the carrier frame; free if several hands hold it.
+
+    compensated: part of its weight that the controller takes off
+    """
+    if config.tray is not None and config.tray.hands is not None:
+        body = spec.worldbody.add_body(name=CARRIER)
+        body.add_freejoint(name=PREFIX + TRAY)
+    else:
+        site = spec.site(CARRIER_SITE)
+        body = site.parent.add_body(name=CARRIER, pos=site.pos, quat=site.quat)
     if config.tray is not None:
         set_inertia(body, parameters.bodies[TRAY])
         body.gravcomp = compensated
@@ -82,20 +88,29 @@ def add_contacts(spec: mujoco.MjSpec, config: Config, parameters: Parameters) ->
 
 
 def add_pose_sensors(spec: mujoco.MjSpec, config: Config) -> None:
-    """Measure the pose of each object in the frames of its supports, of a held one in the carrier frame."""
-    kinds, body = mujoco.mjtSensor, mujoco.mjtObj.mjOBJ_XBODY
+    """Measure the pose of each object in the frames of its supports."""
     for name in placements(config):
-        for support in supports(config.objects[name]) or (TRAY,):
-            for kind in (kinds.mjSENS_FRAMEPOS, kinds.mjSENS_FRAMEQUAT):
-                spec.add_sensor(
-                    name=_sensor(name, support, kind), type=kind, objtype=body, objname=PREFIX + name, reftype=body,
-                    refname=CARRIER if support == TRAY else PREFIX + support,
-                )  # fmt: skip
+        for support in supports(config.objects[name]):
+            add_pose_sensor(spec, name, PREFIX + name, _body(support))
 
 
-def pose_sensor(model: mujoco.MjModel, name: str, support: str = TRAY) -> int:
-    """Return the index of the pose of an object in the sensor data."""
-    return int(model.sensor(_sensor(name, support, mujoco.mjtSensor.mjSENS_FRAMEPOS)).adr[0])
+def add_pose_sensor(spec: mujoco.MjSpec, name: str, body: str, frame: str) -> None:
+    """Measure the pose of a body in the frame of another; name: of the interface between them."""
+    kinds, body_frame = mujoco.mjtSensor, mujoco.mjtObj.mjOBJ_XBODY
+    for kind in (kinds.mjSENS_FRAMEPOS, kinds.mjSENS_FRAMEQUAT):
+        spec.add_sensor(
+            name=f"{PREFIX}{name}_{frame}_{kind.name}", type=kind, objtype=body_frame, objname=body,
+            reftype=body_frame, refname=frame,
+        )  # fmt: skip
+
+
+def pose_sensor(model: mujoco.MjModel, name: str, frame: str) -> int:
+    """Return the index in the sensor data of the pose that `add_pose_sensor` measures."""
+    return int(model.sensor(f"{PREFIX}{name}_{frame}_mjSENS_FRAMEPOS").adr[0])
+
+
+def _body(support: str) -> str:
+    return CARRIER if support == TRAY else PREFIX + support
 
 
 def standing(config: Config, model: mujoco.MjModel) -> tuple[Standing, ...]:
@@ -106,7 +121,7 @@ def standing(config: Config, model: mujoco.MjModel) -> tuple[Standing, ...]:
     for name in placements(config):
         shape = config.objects[name]
         for support in supports(shape):
-            upper, lower, sensor = placed[name], placed[support], pose_sensor(model, name, support)
+            upper, lower, sensor = placed[name], placed[support], pose_sensor(model, name, _body(support))
             step, corners = upper.planar - lower.planar, _base_corners(shape)
             position, yaw = np.r_[rotation(-lower.yaw) @ step[:2], step[2]], upper.yaw - lower.yaw
             found.append(Standing(name, sensor, position, yaw, corners, shape.radius, lower.half_height))
@@ -138,10 +153,6 @@ def _stands_within(config: Config, placed: dict[str, Placement], upper: str, low
     step = placed[upper].planar - placed[lower].planar
     reach = shape.radius if shape.radius is not None else 0.5 * np.hypot(*np.array(shape.size)[:2])
     return bool(np.hypot(*step[:2]) + reach <= radius + RESOLUTION)
-
-
-def _sensor(name: str, support: str, kind: mujoco.mjtSensor) -> str:
-    return f"{PREFIX}{name}_{support}_{kind.name}"
 
 
 def _bases(name: str, shape: ObjectConfig) -> dict[str, float]:

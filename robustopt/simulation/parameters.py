@@ -74,8 +74,10 @@ def nominal_parameters(config: Config, robot: Robot) -> Parameters:
         for name, item in carried.items()
     }
     bodies |= {name: BodyParameters(*robot.inertia_of(name)) for name in _named_bodies(config, robot)}
-    held = {name: body.held_by.tool for name, body in config.objects.items() if body.held_by is not None}
-    return Parameters(friction, bodies, {name: float(np.mean(tool.force)) for name, tool in held.items()})
+    held = {name: body.held_by.tool.force for name, body in config.objects.items() if body.held_by is not None}
+    if config.tray is not None and config.tray.hands is not None:
+        held = {"tray": config.tray.hands.force} | held
+    return Parameters(friction, bodies, {name: float(np.mean(force)) for name, force in held.items()})
 
 
 def _named_bodies(config: Config, robot: Robot) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -12,7 +12,7 @@ from robustopt.arrays import Array
 from robustopt.config import FEET, Config, FailureConfig
 from robustopt.errors import ConfigError
 from robustopt.robot import load_robot
-from robustopt.scene.patches import Law, patches
+from robustopt.scene.patches import Law
 from robustopt.scene.placement import TRAY, placements
 from robustopt.simulation import ground, holding, objects
 from robustopt.simulation.controller import Gains, JointLayout, Reference
@@ -61,7 +61,8 @@ class World:
         self.joint_names = self.robot.joint_names[self.driven]
         self.torque_limit = self.robot.limits.torque[self.driven]
         self.nominal = nominal_parameters(config, self.robot)
-        self._physics = physics_of(self.robot.base, bool(self.nominal.force))
+        self._holds = holding.holds_of(config, self.robot.hands)
+        self._physics = physics_of(self.robot.base, bool(self._holds))
         self._spec = self._with_robot(gains, timestep)
         free = [joint.parent.name for joint in self._spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]
         self._trunk = [Trunk(name, float(self.robot.posture[2])) for name in free]
@@ -78,7 +79,7 @@ class World:
                 spec.body(name).gravcomp = self._compensated(name, parameters)
         ground.set_contacts(spec, self.robot, parameters)
         if self.robot.has_carrier:
-            add_load(spec, self.config, parameters, self._compensated(TRAY, parameters))
+            add_load(spec, self.config, parameters, self._holds, self._compensated(TRAY, parameters))
         return spec
 
     def model(self, parameters: Parameters) -> mujoco.MjModel:
@@ -99,9 +100,10 @@ class World:
         tool = objects.add_carrier(spec, self.config, self.nominal, self._physics.compensated)
         for name, place in placements(self.config).items():
             objects.add_object(tool, self.config, name, self.nominal, place.position, objects.orientation(place))
-        for patch in patches(self.config):
-            if patch.law is Law.DRIVEN_PAD:
-                holding.add_finger(tool, self.config, patch)
+        for hold in self._holds:
+            for patch in hold.patches:
+                if patch.law is Law.DRIVEN_PAD:
+                    holding.add_finger(tool, patch, hold.finger_mass)
         return spec.compile()
 
     def layout(self, model: mujoco.MjModel) -> Layout:
@@ -120,7 +122,7 @@ class World:
             objects=positions_of(self.config, model),
             interfaces=(
                 *objects.standing(self.config, model),
-                *holding.held(self.config, model),
+                *holding.held(self._holds, model),
                 *ground.grounded(self.config, self.robot, model),
                 *self._trunk,
             ),
@@ -134,6 +136,7 @@ class World:
         add_drives(spec, self.robot, frictional_limits(self.config, self.robot), gains, self._physics.compensated)
         if self.robot.contacts:
             ground.add_ground(spec, self.robot, self.config.path.rail)
+        holding.add_hands(spec, self.robot)
         return spec
 
     def _compensated(self, name: str, parameters: Parameters) -> float:
@@ -170,25 +173,27 @@ class World:
 # The load -------------------------------------------------------------------------------------------------
 
 
-def add_load(spec: mujoco.MjSpec, config: Config, parameters: Parameters, compensated: float) -> None:
-    """Add tray, cups and pads at the carrier site, and the objects as free bodies.
+def add_load(
+    spec: mujoco.MjSpec, config: Config, parameters: Parameters, holds: Sequence[holding.Hold], compensated: float
+) -> None:
+    """Add the tray, the objects as free bodies, and the cups and pads that hold some of them.
 
     compensated: part of the tray's weight that the controller takes off the robot
     """
-    tool = objects.add_carrier(spec, config, parameters, compensated)
+    objects.add_carrier(spec, config, parameters, compensated)
     for name in placements(config):
         body = objects.add_object(spec.worldbody, config, name, parameters, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
         body.add_freejoint(name=PREFIX + name)
     objects.add_contacts(spec, config, parameters)
-    for patch in patches(config):
-        if patch.law is not Law.FRICTION:
-            holding.add_hold(spec, config, tool, patch, parameters)
     objects.add_pose_sensors(spec, config)
+    for hold in holds:
+        holding.add_hold(spec, hold, parameters)
 
 
 def positions_of(config: Config, model: mujoco.MjModel) -> dict[str, int]:
     """Return the first index in qpos of each object."""
-    return {name: int(model.joint(PREFIX + name).qposadr[0]) for name in placements(config)}
+    free = [TRAY] if config.tray is not None and config.tray.hands is not None else []
+    return {name: int(model.joint(PREFIX + name).qposadr[0]) for name in (*free, *placements(config))}
 
 
 def place_load(config: Config, qpos: Array, at: Mapping[str, int], position: Array, frame: Array) -> None:
@@ -196,8 +201,10 @@ def place_load(config: Config, qpos: Array, at: Mapping[str, int], position: Arr
 
     position (3,) [m] and frame (3, 3): origin and axes, as columns, of the carrier frame in the world
     """
-    turn = quaternion(frame)
-    for name, place in placements(config).items():
-        k = at[name]
-        qpos[k : k + 3] = position + frame @ place.position
-        mujoco.mju_mulQuat(qpos[k + 3 : k + 7], turn, objects.orientation(place))
+    turn, placed = quaternion(frame), placements(config)
+    for name, k in at.items():
+        if name == TRAY:
+            qpos[k : k + 3], qpos[k + 3 : k + 7] = position, turn
+        else:
+            qpos[k : k + 3] = position + frame @ placed[name].position
+            mujoco.mju_mulQuat(qpos[k + 3 : k + 7], turn, objects.orientation(placed[name]))
