@@ -6,7 +6,7 @@
     problem = ro.build_problem(config)
     plan = ro.solve(problem)
     certificate = ro.certify(plan)
-    executions = ro.execute(config, plan, trials=100)
+    executions = ro.execute(plan, trials=100)
     learned = ro.learn(config)
 
 Names are imported on first use, so that importing the package is quick. Type checkers see them all.
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from robustopt.simulation import Status as _TrialStatus
     from robustopt.simulation import TrialOutcome as TrialOutcome
     from robustopt.simulation import Workers as Workers
-    from robustopt.simulation import execute as execute
+    from robustopt.simulation.execute import execute as execute
     from robustopt.solvers import Plan as Plan
     from robustopt.solvers import Status as Status
     from robustopt.solvers import solve as solve

@@ -248,14 +248,14 @@ def write_execution_figures(result: ExecutionResult, folder: Path, figures: bool
     ended = [outcome for outcome in executions.outcomes if outcome.error_steps]
     chosen = [next((o for o in ended if o.success is success), None) for success in (True, False)]
     traces = [
-        trace(result.config, result.plan, outcome.trial, executions.seed, executions.speed)
+        trace(result.plan, outcome.trial, result.config, executions.seed, executions.speed)
         for outcome in chosen
         if outcome is not None
     ]
     if traces and video:
         from robustopt.simulation.video import film, write_film
 
-        write_film(film(result.config, result.plan, traces, executions.seed), folder / "figures")
+        write_film(film(result.plan, traces, result.config, executions.seed), folder / "figures")
     if traces and figures:
         write(result.config, traces, result.plan.problem.robot, folder / "figures")
 
