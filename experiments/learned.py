@@ -1,7 +1,7 @@
-"""Runs of learners that the tables are made from: begun, continued or read again, in a folder of their own each.
+"""Runs of learners for the tables: each is begun, continued or read again in a folder of its own.
 
-The folders lie below results/runs/VERSION, VERSION a hash of the package's source: the same source goes on where it was
-interrupted and does nothing twice; other source begins anew.
+The folders lie below results/runs/VERSION, VERSION a hash of the package's source. The same source continues after an
+interruption and does nothing twice; other source begins again.
 """
 
 from __future__ import annotations
@@ -29,17 +29,20 @@ TABLES = ROOT / "results" / "tables"
 TWO_BLOCKS = ROOT / "configs" / "waiter_two_blocks.yaml"
 
 QUIET: tuple[str, ...] = ()
-"""The paper's world: a random force of 2 N deviation on the tray."""
+"""The paper's world: a random force of 2 N standard deviation on the tray."""
 
-LUCKY = ("execution.disturbance.force_deviation=[20, 20, 0]", "execution.truth.variation.friction=0.05")
-"""A world where luck matters: a force of 20 N deviation, and friction that varies from trial to trial."""
+STOCHASTIC = ("execution.disturbance.force_deviation=[20, 20, 0]", "execution.truth.variation.friction=0.05")
+"""A stochastic world: a force of 20 N standard deviation, and friction that varies from trial to trial."""
 
 
 @dataclass(frozen=True)
 class Bench:
-    """Where an experiment works and what it tells people.
+    """The workplace of an experiment.
 
-    work: folder for its runs; workers: processes; say: what is going on, a line
+    Attributes:
+        work: folder for its runs.
+        workers: number of worker processes.
+        say: called with a line of text about the progress.
     """
 
     work: Path
@@ -48,12 +51,12 @@ class Bench:
 
 
 def bench(part: str, out: Path = TABLES, workers: int = 1, say: Callable[[str], None] = lambda _: None) -> Bench:
-    """The workplace of an experiment whose tables go to `out`."""
+    """Return the workplace of an experiment that writes its tables to `out`."""
     return Bench(out.parent / "runs" / source_hash() / part, workers, say)
 
 
 def source_hash() -> str:
-    """Hash of all files of the package and of the shipped configurations."""
+    """Return a hash of all files of the package and of the shipped configurations."""
     package = Path(robustopt.__file__).parent
     places = [*package.rglob("*.py"), *package.rglob("*.xml"), *package.rglob("*.yaml"), *(ROOT / "configs").glob("*")]
     digest = hashlib.sha256(sys.version.encode())
@@ -63,12 +66,12 @@ def source_hash() -> str:
 
 
 def task(overrides: Sequence[str], path: Path = PAPER_TASK) -> Config:
-    """A configuration with values for keys."""
+    """Return a configuration with overrides."""
     return load_config(path, overrides)
 
 
 def learned(config: Config, name: str, place: Bench) -> Learned:
-    """The run of a learner with this name: begun, continued, or, where it is complete, read again."""
+    """Return the run of a learner with this name: begin it, continue it, or, if it is complete, read it again."""
     folder = place.work / name
     if not (folder / JOURNAL).is_file():
         begin(config, folder, ["learn"], SIMULATION)
@@ -84,7 +87,7 @@ def learned(config: Config, name: str, place: Bench) -> Learned:
 
 
 def recorded(config: Config, name: str, place: Bench) -> dict[str, Any]:
-    """What the summary of the run of this name says of its learning: a complete run is read, without any planning."""
+    """Return the part of a run's summary about its learning; a complete run is read, without any planning."""
     folder = place.work / name
     if not (folder / SUMMARY).is_file():
         learned(config, name, place)
@@ -97,12 +100,12 @@ def _line(name: str, now: Learned) -> str:
 
 
 def records(found: Learned) -> list[dict[str, Any]]:
-    """The records of all plans of a run."""
+    """Return the records of all plans of a run."""
     return [row_record(found, row) for row in found.rows]
 
 
 def success(record: dict[str, Any]) -> str:
-    """The success rate of a record with its interval, in percent."""
+    """Return the success rate of a record with its interval, in percent."""
     if record.get("success_rate") is None:
         return ""
     low, high = 100 * record["success_low"], 100 * record["success_high"]

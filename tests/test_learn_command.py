@@ -17,7 +17,8 @@ import pytest
 from learning_tasks import remember_plans, task
 from rich.console import Console
 
-from robustopt import report, terminal
+from robustopt import report
+from robustopt.cli import terminal
 from robustopt.config.load import dump, load_config
 from robustopt.errors import RunFolderError, SolverFailed
 from robustopt.interruption import interruptions, on_interrupt

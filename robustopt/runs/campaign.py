@@ -7,12 +7,13 @@ from dataclasses import dataclass, field
 from math import isfinite
 from typing import Any
 
+from robustopt.arrays import Array
 from robustopt.confidence import clopper_pearson
 from robustopt.config import Config, LearningConfig
 from robustopt.errors import ConfigError, RunFolderError
 from robustopt.learning import learner_of
 from robustopt.learning.learner import Learner, Planned, Request, Result, Row, State, Trial, tell_all
-from robustopt.learning.parameters import Array, Cost
+from robustopt.learning.parameters import Cost
 from robustopt.runs.beliefs import Planner, learned_from
 from robustopt.runs.executors import JUDGED, Executor, Simulated
 from robustopt.runs.experiment import PlanResult
@@ -88,11 +89,12 @@ def learn(
     config: Config,
     executor: Executor | None = None,
     *,
+    learner: Learner[Any] | None = None,
     journal: Journal | None = None,
     workers: int = 1,
     progress: Progress | None = None,
 ) -> Learned:
-    """Run the learner of a configuration to its end.
+    """Run the learner of a configuration, or one of your own, to its end.
 
     The same configuration and seed give the same result, bit for bit, whatever the number of workers, and however often
     it was interrupted and continued from its journal.
@@ -100,6 +102,7 @@ def learn(
     Args:
         config: the task; its `learning` section names the learner, its `execution` section the simulated world.
         executor: what runs the plans, instead of the simulation.
+        learner: a learner of your own, instead of the one that `learning.algorithm` names; see docs/extending.md.
         journal: what happened before, and where what happens is written; without it nothing is kept.
         workers: processes that plan and simulate.
         progress: called with what is known so far, whenever that is more than before.
@@ -111,20 +114,26 @@ def learn(
         KeyboardInterrupt: interrupted; the journal has all that happened before.
     """
     executor, journal = executor or Simulated(config, workers), journal or Journal.in_memory()
-    return _Campaign(config, executor, journal, workers, progress).run()
+    return _Campaign(config, executor, learner, journal, workers, progress).run()
 
 
 class _Campaign:
     """A learner at work."""
 
     def __init__(
-        self, config: Config, executor: Executor, journal: Journal, workers: int, progress: Progress | None
+        self,
+        config: Config,
+        executor: Executor,
+        learner: Learner[Any] | None,
+        journal: Journal,
+        workers: int,
+        progress: Progress | None,
     ) -> None:
         if not config.interfaces:
             raise ConfigError("found no objects; expected at least one that friction holds", key="objects")
         self.config = config
         self.settings = config.learning or LearningConfig()
-        self.learner = learner_of(self.settings, cost_of(config, self.settings, workers))
+        self.learner = learner or learner_of(self.settings, cost_of(config, self.settings, workers))
         self.executor, self.journal, self.progress = executor, journal, progress
         self.planner = Planner(config)
         self.state = replayed(self.learner, journal)

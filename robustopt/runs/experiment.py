@@ -73,7 +73,7 @@ def plan_task(config: Config, certify_with: Effort = "quick") -> PlanResult:
 def problem_size(problem: TimeScalingProblem) -> dict[str, int]:
     """How large a problem is: grid, rows before and after redundant ones are removed, contacts."""
     systems = [family.system for family in problem.limits.contacts]
-    facets = sum(0 if system.facets is None else len(system.facets) for system in systems)
+    facets = sum(len(system.facets) for system in systems)
     rows = 2 * problem.robot.n + problem.limits.torque.B.shape[1] + facets
     kept = np.count_nonzero((problem.a != 0) | (problem.b != 0))
     return {
@@ -84,7 +84,7 @@ def problem_size(problem: TimeScalingProblem) -> dict[str, int]:
         "rows_after_pruning": int(kept),
         "joints": problem.robot.n,
         "objects": len(problem.config.objects),
-        "interfaces": len(problem.config.interfaces) if problem.config.walks else len(patches(problem.config)),
+        "interfaces": len(problem.config.environment_contacts) + len(patches(problem.config)),
         "contact_systems": len(systems),
         "generators": sum(system.generators.shape[1] for system in systems),
     }

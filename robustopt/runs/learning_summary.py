@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import isclose
 from typing import Any
 
-from robustopt.confidence import Reading, bad_luck, paper_executions, phi
+from robustopt.confidence import Reading, paper_executions, phi, probability_of_rate
 from robustopt.config import LearningConfig
 from robustopt.learning.calibrated import Calibrated
 from robustopt.learning.earned import earned
@@ -143,7 +143,7 @@ def row_record(learned: Learned, row: Row) -> dict[str, Any]:
     record: dict[str, Any] = dict(row.record())
     if row.trial.failures and not row.trial.belief.parameters:
         rate = target_rate(learned.settings)
-        record["bad_luck"] = bad_luck(row.trial.successes, row.trial.failures, rate, learned.settings.prior)
+        record["bad_luck"] = probability_of_rate(row.trial.successes, row.trial.failures, rate, learned.settings.prior)
     if row.lower_bound is not None and row.gap is not None:
         record["incumbent"] = row.lower_bound * (1 + row.gap)
     judgement = learned.judgement(row)

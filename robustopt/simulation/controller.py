@@ -17,7 +17,8 @@ from scipy.linalg import eigh
 from robustopt.config import BASE_COORDINATES as BASE
 from robustopt.config import FEET, Config, UncertaintyConfig
 from robustopt.errors import ConfigError
-from robustopt.limits.uncertainty import Body, bodies, regressor
+from robustopt.limits.bodies import Body, regressor
+from robustopt.limits.uncertainty import bodies
 from robustopt.robot import Robot
 from robustopt.robot.preparation import load_model
 from robustopt.solvers.trajectory import Trajectory
