@@ -7,12 +7,10 @@ interruption and does nothing twice; other source begins again.
 from __future__ import annotations
 
 import hashlib
-import json
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import robustopt
 from robustopt.config import Config
@@ -21,7 +19,8 @@ from robustopt.runs.campaign import Learned, learn
 from robustopt.runs.journal import SIMULATION, Journal
 from robustopt.runs.learning_run import begin, complete, result_of, resumed, write_learning_files
 from robustopt.runs.learning_summary import row_record
-from robustopt.runs.store import JOURNAL, SUMMARY
+from robustopt.runs.records import Iteration, LearningRecord
+from robustopt.runs.store import JOURNAL, SUMMARY, read_summary
 from robustopt.tasks import PAPER_TASK
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -37,12 +36,12 @@ STOCHASTIC = ("execution.disturbance.force_deviation=[20, 20, 0]", "execution.tr
 
 @dataclass(frozen=True)
 class Bench:
-    """The workplace of an experiment.
+    """Workplace of an experiment.
 
     Attributes:
         work: folder for its runs.
-        workers: number of worker processes.
-        say: called with a line of text about the progress.
+        workers: number of processes.
+        say: shows a line about the step under way.
     """
 
     work: Path
@@ -51,7 +50,7 @@ class Bench:
 
 
 def bench(part: str, out: Path = TABLES, workers: int = 1, say: Callable[[str], None] = lambda _: None) -> Bench:
-    """Return the workplace of an experiment that writes its tables to `out`."""
+    """Return the workplace of an experiment whose tables go to `out`."""
     return Bench(out.parent / "runs" / source_hash() / part, workers, say)
 
 
@@ -66,12 +65,12 @@ def source_hash() -> str:
 
 
 def task(overrides: Sequence[str], path: Path = PAPER_TASK) -> Config:
-    """Return a configuration with overrides."""
+    """Return a configuration with other values for keys."""
     return load_config(path, overrides)
 
 
 def learned(config: Config, name: str, place: Bench) -> Learned:
-    """Return the run of a learner with this name: begin it, continue it, or, if it is complete, read it again."""
+    """Begin, continue or read the run of a learner with this name."""
     folder = place.work / name
     if not (folder / JOURNAL).is_file():
         begin(config, folder, ["learn"], SIMULATION)
@@ -86,27 +85,29 @@ def learned(config: Config, name: str, place: Bench) -> Learned:
     return found
 
 
-def recorded(config: Config, name: str, place: Bench) -> dict[str, Any]:
-    """Return the part of a run's summary about its learning; a complete run is read, without any planning."""
+def recorded(config: Config, name: str, place: Bench) -> LearningRecord:
+    """Return the learning part of the summary of a run; a complete run is read, without any planning."""
     folder = place.work / name
     if not (folder / SUMMARY).is_file():
         learned(config, name, place)
     resumed(folder, config)
-    return dict(json.loads((folder / SUMMARY).read_text(encoding="utf-8"))["learning"])
+    learning = read_summary(folder).learning
+    assert learning is not None
+    return learning
 
 
 def _line(name: str, now: Learned) -> str:
     return f"{name}: plan {len(now.rows) + (not now.finished)}, {now.state.executed:,} executions"
 
 
-def records(found: Learned) -> list[dict[str, Any]]:
+def records(found: Learned) -> list[Iteration]:
     """Return the records of all plans of a run."""
     return [row_record(found, row) for row in found.rows]
 
 
-def success(record: dict[str, Any]) -> str:
+def success(record: Iteration) -> str:
     """Return the success rate of a record with its interval, in percent."""
-    if record.get("success_rate") is None:
+    rate, low, high = record.success_rate, record.success_low, record.success_high
+    if rate is None or low is None or high is None:
         return ""
-    low, high = 100 * record["success_low"], 100 * record["success_high"]
-    return f"{100 * record['success_rate']:.1f} [{low:.1f}, {high:.1f}]"
+    return f"{100 * rate:.1f} [{100 * low:.1f}, {100 * high:.1f}]"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -16,6 +16,7 @@ from scan import Found, fastest
 from robustopt.config import Config
 from robustopt.learning.learner import Belief
 from robustopt.learning.parameters import Parameter
+from robustopt.runs.records import LearningRecord
 from robustopt.tables import Column
 
 LEARNERS = ("bnb-midpoint", "bnb-diagonal", "bnb-informed")
@@ -66,12 +67,8 @@ class Problem:
         ]
 
 
-Run = Mapping[str, Any]
-"""The part of a run's summary about its learning."""
-
-
-def runs(problem: Problem, place: Bench) -> dict[str, Run]:
-    """Return the run of every learner."""
+def runs(problem: Problem, place: Bench) -> dict[str, LearningRecord]:
+    """The run of every learner."""
     return {name: recorded(problem.config(name), f"{problem.name}-{name}", place) for name in LEARNERS}
 
 
@@ -99,20 +96,20 @@ def columns(problems: Sequence[Problem]) -> tuple[Column, ...]:
     )
 
 
-def line(problem: Problem, name: str, found: Run, quickest: Found) -> dict[str, Any]:
-    """Return the line of a learner's run."""
-    best = found["best"]
+def line(problem: Problem, name: str, found: LearningRecord, quickest: Found) -> dict[str, Any]:
+    """The line of a learner's run."""
+    best = found.best
     if best is None:
-        return {"problem": problem.name, "learner": name, "executions": found["executions"]}
-    last, duration = found["rows"][-1], float(best["duration"])
+        return {"problem": problem.name, "learner": name, "executions": found.executions}
+    last, duration = found.rows[-1], best.duration
     return {
-        **best["parameters"],
+        **best.parameters,
         "problem": problem.name,
         "learner": name,
-        "executions": found["executions"],
+        "executions": found.executions,
         "duration": duration,
-        "lower_bound": last["lower_bound"],
-        "gap": None if last["gap"] is None else 100 * last["gap"],
+        "lower_bound": last.lower_bound,
+        "gap": None if last.gap is None else 100 * last.gap,
         "to_best": _executions_to(found, 1.05 * quickest.duration),
         "fastest": quickest.duration,
         "slower": 100 * (duration / quickest.duration - 1),
@@ -120,11 +117,11 @@ def line(problem: Problem, name: str, found: Run, quickest: Found) -> dict[str, 
     }
 
 
-def _executions_to(found: Run, duration: float) -> int | None:
-    """Return the number of executions until a plan of at most this duration [s] succeeded."""
+def _executions_to(found: LearningRecord, duration: float) -> int | None:
+    """Executions until a plan of at most this duration succeeded [s]."""
     done = 0
-    for row in found["rows"]:
-        done += row["executions"]
-        if row["result"] == "success" and row["duration"] <= duration:
+    for row in found.rows:
+        done += row.executions
+        if row.result == "success" and row.duration <= duration:
             return done
     return None

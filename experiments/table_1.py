@@ -10,6 +10,7 @@ from pathlib import Path
 from learned import TWO_BLOCKS, Bench, learned, records, success, task
 from reproduce import run_alone
 
+from robustopt.runs.records import Iteration
 from robustopt.tables import Column, Table, write_table
 
 PAPER = (
@@ -79,10 +80,11 @@ def write(out: Path, place: Bench) -> list[Path]:
     return write_table(Table(COLUMNS, tuple(lines), caption), out, "table_1", ABOVE, below)
 
 
-def _line(record: dict) -> dict:
+def _line(record: Iteration) -> dict:
     letters = {True: "S", False: "F", None: ""}
-    result = {"success": "S", "failure": "F"}.get(record["result"], record["result"])
-    return {**record, "result": result, "sped_up": letters[record["sped_up"]], "fresh": success(record)}
+    result = {"success": "S", "failure": "F"}.get(record.result, record.result)
+    changed = {"result": result, "sped_up": letters[record.sped_up], "fresh": success(record)}
+    return {**record.model_dump(), **changed}
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ from learned import Bench, learned, records, success, task
 from reproduce import run_alone
 
 from robustopt.runs.learning_summary import confidence_sentence
+from robustopt.runs.records import Iteration
 from robustopt.tables import Column, Table, write_table
 
 PAPER_ITERATIONS, PAPER_SUCCESS = 6, 74
@@ -71,9 +72,9 @@ def write(out: Path, place: Bench) -> list[Path]:
     return write_table(Table(COLUMNS, tuple(lines), caption), out, "table_2", ABOVE, below)
 
 
-def _line(record: dict) -> dict:
-    error = max(record["planned_half_width"], default=0.0)
-    return {**record, "result": RESULTS[record["result"]], "error": error, "fresh": success(record)}
+def _line(record: Iteration) -> dict:
+    error = max(record.planned_half_width, default=0.0)
+    return {**record.model_dump(), "result": RESULTS[record.result], "error": error, "fresh": success(record)}
 
 
 if __name__ == "__main__":

@@ -11,7 +11,9 @@ from learned import QUIET, STOCHASTIC, Bench, learned, success, task
 from reproduce import run_alone
 
 from robustopt.confidence import Reading, phi
+from robustopt.runs.campaign import Learned
 from robustopt.runs.learning_summary import row_record
+from robustopt.runs.records import Iteration
 from robustopt.tables import Column, Table, write_table
 
 K_VALUES = (0.5, 1.0, 2.0, 3.0)
@@ -67,18 +69,19 @@ def write(out: Path, place: Bench) -> list[Path]:
     return write_table(Table(COLUMNS, tuple(lines), caption), out, "table_2_K", ABOVE, BELOW.format(trials=TRIALS))
 
 
-def _line(record, found, K: float) -> dict:
+def _line(record: Iteration, found: Learned, K: float) -> dict:
     wanted = phi(K)
     verdict = "reaches it"
-    if record["success_high"] < wanted:
+    if record.success_high < wanted:
         verdict = "misses it"
-    elif record["success_low"] > wanted:
+    elif record.success_low > wanted:
         verdict = "overshoots it"
     return {
-        **{key: record[key] for key in ("friction", "duration")},
+        "friction": record.friction,
+        "duration": record.duration,
         "needed": found.learner.executions,
         "executions": found.state.executed,
-        "error": max(record["planned_half_width"], default=0.0),
+        "error": max(record.planned_half_width, default=0.0),
         "fresh": success(record),
         "one_sided": 100 * wanted,
         "two_sided": 100 * phi(K, Reading.TWO_SIDED),

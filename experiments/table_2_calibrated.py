@@ -100,7 +100,7 @@ def _line(rate: float, name: str, found: Learned, row: Row, ilrobs: Row, quickes
         "K": error.K if not error.is_zero else 0.0,
         "duration": duration,
         "fresh": success(record),
-        "meets": bool(record["success_high"] >= rate),
+        "meets": record.success_high >= rate,
         "gained": 100 * ((ilrobs.trial.duration or float("nan")) / duration - 1) if name == "calibrated" else None,
         "fastest": quickest,
         "slower": 100 * (duration / quickest - 1),

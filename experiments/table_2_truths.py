@@ -59,14 +59,14 @@ def write(out: Path, place: Bench) -> list[Path]:
         grid = Grid(ErrorInterval(error.mean, error.deviation, 1.0), 0.6 * truth, min(1.0, 1.6 * truth))
         for what, row in (("executed", best), ("returned", returned)):
             record = row_record(found, row)
-            rate = record["success_rate"]
+            rate = record.success_rate
             quickest = fastest(config, grid.beliefs, [rate], TRIALS, f"scan-{truth:g}", place)[0]
             lines.append(
                 {
-                    **record, "truth": truth, "what": what, "iterations": found.rows[-1].iteration,
-                    "executions": found.state.executed, "error": max(record["planned_half_width"], default=0.0),
+                    **record.model_dump(), "truth": truth, "what": what, "iterations": found.rows[-1].iteration,
+                    "executions": found.state.executed, "error": max(record.planned_half_width, default=0.0),
                     "fresh": success(record), "fastest": quickest.duration,
-                    "slower": 100 * (record["duration"] / quickest.duration - 1),
+                    "slower": 100 * (record.duration / quickest.duration - 1),
                 }
             )  # fmt: skip
     caption = "ILROBS(K = 1) for other actual frictions, and the fastest plans that brute force finds."

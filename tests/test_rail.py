@@ -259,7 +259,7 @@ def test_planned_forces_are_possible_and_make_the_motion(plan: Plan) -> None:
 
 
 def test_a_plan_that_is_right_about_its_world_succeeds_with_the_planned_forces(fine: Plan, tmp_path: Path) -> None:
-    seen = trace(configured("solver.collocation_points=120"), fine, 0)
+    seen = trace(fine, 0, configured("solver.collocation_points=120"))
     assert seen.outcome.status is Status.SUCCESS
     assert seen.outcome.objects[HAND].slip < 0.008
     assert seen.planned_forces is not None
@@ -277,7 +277,7 @@ def test_a_plan_that_is_right_about_its_world_succeeds_with_the_planned_forces(f
 
 def test_a_hand_slips_where_its_rail_is_smoother_than_believed(fine: Plan) -> None:
     smooth = configured("execution={truth: {friction: {default: 0.1, left_hand: 0.1}}}")
-    (outcome,) = execute(with_values(smooth, {"solver.collocation_points": 120}), fine, trials=1).outcomes
+    (outcome,) = execute(fine, with_values(smooth, {"solver.collocation_points": 120}), trials=1).outcomes
     assert outcome.status is Status.SLIPPED
     assert outcome.objects[HAND].status is Status.SLIPPED
     assert outcome.objects[HAND].slip > 0.01
@@ -286,7 +286,7 @@ def test_a_hand_slips_where_its_rail_is_smoother_than_believed(fine: Plan) -> No
 def test_a_hand_loses_contact_where_it_is_pulled_off(fine: Plan) -> None:
     pulled = configured("execution={failure: {foot_slip: 100, hand_lift: 0.002}, disturbance: {on: left_hand, "
                         "force_deviation: [0, 0, 150], hold: 0.3}}", "solver.collocation_points=120")  # fmt: skip
-    outcomes = execute(pulled, fine, trials=3).outcomes
+    outcomes = execute(fine, pulled, trials=3).outcomes
     lost = [item for item in outcomes if item.objects[HAND].status is Status.LOST_CONTACT]
     assert lost
     assert all(item.objects[HAND].lift > 0.002 for item in lost)
@@ -300,10 +300,11 @@ def test_the_rail_and_the_palm_are_in_the_model(fine: Plan, tmp_path: Path) -> N
     (tmp_path / "knuckle.xml").write_text(text.replace(hand, knuckle + hand))
     inset = "execution.truth.contact_inset={left_hand: 0.01}"
     config = configured("path.rail.normal=[0, -1, 2]", inset, f"robot.model={tmp_path / 'knuckle.xml'}")
-    scene = prepare(config, solve(build_problem(config))).scene
-    model = scene.model(scene.believed)
+    job = prepare(solve(build_problem(config)))
+    world = job.world
+    model = world.model(job.parameters(0))
     data, axes = mujoco.MjData(model), contact_axes([0, -1, 2], [1, 0, 0])
-    data.qpos[:] = scene.start(scene.layout(model), build_problem(config).path(np.array([0.0]))[0], model.nq)
+    data.qpos[:] = world.start(world.layout(model), build_problem(config).path(np.array([0.0]))[0], model.nq)
     mujoco.mj_kinematics(model, data)
     spheres = [k for k in range(model.ngeom) if model.geom(k).name.startswith("robustopt_left_hand")]
     local = (data.geom_xpos[spheres] - [0.3, 0.27, 0.7]) @ axes
