@@ -89,7 +89,7 @@ def memory(trials: int) -> int:
 
 def report(quick: bool) -> str:
     """All measurements as a page."""
-    facts = machine_facts(("mujoco", "numpy", "loky"))
+    facts = machine_facts(("mujoco", "numpy"))
     plan = two_blocks()
     steps, seconds = side_by_side(plan, 2 if quick else 9)
     best = {name: steps / times.min() for name, times in seconds.items()}

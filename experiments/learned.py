@@ -1,7 +1,7 @@
-"""Runs of learners that the tables are made from: begun, continued or read again, in a folder of their own each.
+"""Runs of learners for the tables: each is begun, continued or read again in a folder of its own.
 
-The folders lie below results/runs/VERSION, VERSION a hash of the package's source: the same source goes on where it was
-interrupted and does nothing twice; other source begins anew.
+The folders lie below results/runs/VERSION, VERSION a hash of the package's source. The same source continues after an
+interruption and does nothing twice; other source begins again.
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ TABLES = ROOT / "results" / "tables"
 TWO_BLOCKS = ROOT / "configs" / "waiter_two_blocks.yaml"
 
 QUIET: tuple[str, ...] = ()
-"""The paper's world: a random force of 2 N deviation on the tray."""
+"""The paper's world: a random force of 2 N standard deviation on the tray."""
 
-LUCKY = ("execution.disturbance.force_deviation=[20, 20, 0]", "execution.truth.variation.friction=0.05")
-"""A world where luck matters: a force of 20 N deviation, and friction that varies from trial to trial."""
+STOCHASTIC = ("execution.disturbance.force_deviation=[20, 20, 0]", "execution.truth.variation.friction=0.05")
+"""A stochastic world: a force of 20 N standard deviation, and friction that varies from trial to trial."""
 
 
 @dataclass(frozen=True)
 class Bench:
-    """Workplace of an experiment.
+    """The workplace of an experiment.
 
     Attributes:
         work: folder for its runs.
-        workers: number of processes.
-        say: shows a line about the step under way.
+        workers: number of worker processes.
+        say: called with a line of text about the progress.
     """
 
     work: Path
@@ -50,7 +50,7 @@ class Bench:
 
 
 def bench(part: str, out: Path = TABLES, workers: int = 1, say: Callable[[str], None] = lambda _: None) -> Bench:
-    """Return the workplace of an experiment whose tables go to `out`."""
+    """Return the workplace of an experiment that writes its tables to `out`."""
     return Bench(out.parent / "runs" / source_hash() / part, workers, say)
 
 
@@ -65,12 +65,12 @@ def source_hash() -> str:
 
 
 def task(overrides: Sequence[str], path: Path = PAPER_TASK) -> Config:
-    """Return a configuration with other values for keys."""
+    """Return a configuration with overrides."""
     return load_config(path, overrides)
 
 
 def learned(config: Config, name: str, place: Bench) -> Learned:
-    """Begin, continue or read the run of a learner with this name."""
+    """Return the run of a learner with this name: begin it, continue it, or, if it is complete, read it again."""
     folder = place.work / name
     if not (folder / JOURNAL).is_file():
         begin(config, folder, ["learn"], SIMULATION)
@@ -86,7 +86,7 @@ def learned(config: Config, name: str, place: Bench) -> Learned:
 
 
 def recorded(config: Config, name: str, place: Bench) -> LearningRecord:
-    """Return the learning part of the summary of a run; a complete run is read, without any planning."""
+    """Return the part of a run's summary about its learning; a complete run is read, without any planning."""
     folder = place.work / name
     if not (folder / SUMMARY).is_file():
         learned(config, name, place)

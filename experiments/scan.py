@@ -1,7 +1,7 @@
-"""Brute force: the fastest plan over (mu, K) that reaches a success rate, to hold learned plans against.
+"""Brute force: the fastest plan over (mu, K) that reaches a success rate, as a reference for learned plans.
 
-A grid of plans is walked from the fastest on. Each is run, in the same fresh trials as all others, until it has too
-many failures to reach the rate in `trials` executions, or its rate is below it beyond doubt.
+The plans of a grid are run from the fastest on, all in the same fresh trials. Each is run until it has too many failures
+to reach the rate in `trials` executions, or until its rate is too low beyond doubt.
 """
 
 from __future__ import annotations
@@ -24,17 +24,22 @@ from robustopt.simulation.monte_carlo import CHUNK
 from robustopt.solvers.batch import BatchPlanner
 
 FRESH = 2_000_000_000
-"""Number of the first trial: others than those that learned plans are judged by."""
+"""Number of the first trial; no learned plan is judged by these trials."""
 
 BEYOND_DOUBT = 0.9999
-"""Confidence with which a plan that is dropped early has a rate below the wanted one."""
+"""Confidence that a plan that is dropped early has too low a rate."""
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Plans that are tried: friction from low to high, each `ratio` times the one before, and values of K.
+    """A grid of plans: friction from low to high, each `ratio` times the previous one, and values of K.
 
-    error: the interval whose K is varied
+    Attributes:
+        error: the interval whose K varies.
+        low: smallest coefficient of friction.
+        high: largest coefficient of friction.
+        ratio: ratio of neighbouring coefficients.
+        K_values: values of K.
     """
 
     error: ErrorInterval
@@ -57,7 +62,7 @@ class Grid:
 
 @dataclass(frozen=True)
 class Found:
-    """A plan that reaches the rate: its belief, duration [s], and successes of how many trials."""
+    """A plan that reaches the rate: its belief, its duration [s], and its successes and trials."""
 
     belief: Belief
     duration: float
@@ -68,7 +73,7 @@ class Found:
 def fastest(
     config: Config, beliefs: Sequence[Belief], rates: Sequence[float], trials: int, name: str, place: Bench
 ) -> list[Found]:
-    """The fastest plan of those that reaches each rate, which must ascend; what is known is kept in a journal."""
+    """Return the fastest plan that reaches each rate; the rates must ascend. Outcomes are kept in a journal."""
     folder = place.work / name
     folder.mkdir(parents=True, exist_ok=True)
     if not (folder / JOURNAL).is_file():
@@ -81,7 +86,7 @@ def fastest(
 
 
 def _settings(beliefs: Sequence[Belief]) -> list[dict[str, float | tuple[float, ...]]]:
-    """Beliefs as settings of a batch."""
+    """Return beliefs as settings of a batch."""
     section = "uncertainty.joint_acceleration"
     settings: list[dict[str, float | tuple[float, ...]]] = []
     for belief in beliefs:

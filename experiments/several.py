@@ -1,4 +1,4 @@
-"""What the tables of several learned parameters share: tasks, learners, runs, lines and columns."""
+"""Common parts of the tables of several learned parameters: tasks, learners, runs, lines and columns."""
 
 from __future__ import annotations
 
@@ -26,8 +26,15 @@ LEARNERS = ("bnb-midpoint", "bnb-diagonal", "bnb-informed")
 class Problem:
     """A task whose parameters are learned.
 
-    path: configuration; overrides: of it; parameters: that are learned; budget: executions; side: plans along each side
-    of the grid of brute force; executions_per_plan: in a row, for a success; plans: evaluations of f* as a guide
+    Attributes:
+        name: name of the problem.
+        path: the configuration.
+        overrides: overrides of the configuration.
+        parameters: the learned parameters.
+        budget: largest number of executions.
+        side: number of plans along each side of the grid of brute force.
+        executions_per_plan: successes in a row that a plan needs.
+        plans: largest number of evaluations of f* that guide the search.
     """
 
     name: str
@@ -40,7 +47,7 @@ class Problem:
     plans: int = 1000
 
     def config(self, algorithm: str) -> Config:
-        """The task with a learner."""
+        """Return the task with a learner."""
         parameters = [
             {"key": p.key, "optimistic": p.optimistic, "conservative": p.conservative} for p in self.parameters
         ]
@@ -61,18 +68,18 @@ class Problem:
 
 
 def runs(problem: Problem, place: Bench) -> dict[str, LearningRecord]:
-    """The run of every learner."""
+    """Return the run of every learner."""
     return {name: recorded(problem.config(name), f"{problem.name}-{name}", place) for name in LEARNERS}
 
 
 def brute_force(problem: Problem, place: Bench) -> Found:
-    """The fastest plan on the grid that succeeds as often in a row as the learners ask for."""
+    """Return the fastest plan on the grid that succeeds as often in a row as the learners require."""
     config, times = problem.config(LEARNERS[0]), problem.executions_per_plan
     return fastest(config, problem.grid, [1.0], times, f"{problem.name}-grid", place)[0]
 
 
 def columns(problems: Sequence[Problem]) -> tuple[Column, ...]:
-    """The columns of the table of some problems."""
+    """Return the columns of the table of some problems."""
     keys = dict.fromkeys(p.key for problem in problems for p in problem.parameters)
     return (
         Column("problem", "parameters"),
@@ -90,7 +97,7 @@ def columns(problems: Sequence[Problem]) -> tuple[Column, ...]:
 
 
 def line(problem: Problem, name: str, found: LearningRecord, quickest: Found) -> dict[str, Any]:
-    """The line of a learner's run."""
+    """Return the line of a learner's run."""
     best = found.best
     if best is None:
         return {"problem": problem.name, "learner": name, "executions": found.executions}
@@ -111,7 +118,7 @@ def line(problem: Problem, name: str, found: LearningRecord, quickest: Found) ->
 
 
 def _executions_to(found: LearningRecord, duration: float) -> int | None:
-    """Executions until a plan of at most this duration succeeded [s]."""
+    """Return the number of executions until a plan of at most this duration [s] succeeded."""
     done = 0
     for row in found.rows:
         done += row.executions

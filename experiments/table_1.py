@@ -48,10 +48,10 @@ BELOW = """
 - Ours: {plans} plans and {executions} executions; it ends because {end}
 - Paper: columns "paper", from an execution on hardware; they are copied from there, everything else comes from the
   run.
-- What differs: the paper's robot is real, its true friction was about 1 by tilting the plate, and 0.1875 came out
-  as "a proxy for all other un-modeled uncertainties". Ours is simulated with a true friction of {truth:g}, a PID
-  controller with gravity compensation and no disturbance, so that what is not modelled is the controller's tracking
-  error alone, and a larger coefficient of friction comes out. Path, blocks and cones are as in
+- Differences: the paper's robot is real, its actual friction was about 1 by tilting the plate, and the learned 0.1875
+  is "a proxy for all other un-modeled uncertainties". Ours is simulated with an actual friction of {truth:g}, a PID
+  controller with gravity compensation and no disturbance. So the only unmodelled effect is the controller's tracking
+  error, and the learned coefficient of friction is larger. Path, blocks and cones are as in
   [durations](durations.md).
 - The decisions follow the same rules in the same order: two failures at 1 and 0.5, then halving between a failure
   and a success, and an end by the sped-up execution.

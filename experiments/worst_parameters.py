@@ -13,15 +13,16 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-from robustopt.limits.contact import about_point, patch_facets
-from robustopt.limits.rows import PathMotion, TorqueFamily, evaluate
 
 from robustopt.config import Config
 from robustopt.config.load import with_values
 from robustopt.geometry import convex_hull, rotation
 from robustopt.limits import TimeScalingProblem
+from robustopt.limits.bodies import INERTIA_TERMS
+from robustopt.limits.cones import about_point, patch_facets
+from robustopt.limits.formulas import evaluate
 from robustopt.limits.polygons import Family, facet_family
-from robustopt.limits.uncertainty import INERTIA_TERMS, acceleration_error, bodies, contact_shift, friction
+from robustopt.limits.uncertainty import acceleration_error, bodies
 from robustopt.scene.patches import Patch, patches
 from robustopt.scene.placement import placements
 from robustopt.solvers import Plan, Status
@@ -110,7 +111,9 @@ def box_of(config: Config, joints: int) -> Box:
         arms.append(arm)
         central.append(about_origin - (arm @ arm * np.eye(3) - np.outer(arm, arm)))
         reaches.append(turn * np.array(uncertain.center_of_mass.get(name, (0.0, 0.0, 0.0))))
-    return Box(tuple(names), *map(np.array, (masses, arms, central, reaches)), *acceleration_error(config, joints))
+    return Box(
+        tuple(names), *map(np.array, (masses, arms, central, reaches)), *acceleration_error(config, joints, 0).arrays
+    )
 
 
 @dataclass(frozen=True)
@@ -150,8 +153,8 @@ class Limit:
 
 
 def interfaces(problem: TimeScalingProblem, box: Box, rng: np.random.Generator) -> list[Limit]:
-    config = problem.config
-    lowest, shift = friction(config), contact_shift(config)
+    config, uncertainty = problem.config, problem.limits.uncertainty
+    lowest, shift = uncertainty.worst_friction, dict(uncertainty.contact_points)
     found = []
     for family in problem.limits.contacts:
         (name,), (load,) = family.system.objects, family.system.loads
@@ -169,9 +172,7 @@ def interfaces(problem: TimeScalingProblem, box: Box, rng: np.random.Generator) 
 def torque(problem: TimeScalingProblem, box: Box) -> Limit:
     """The torque limits of an arm without viscous friction."""
     limits, motion = problem.limits.torque, problem.limits.motion
-    assert isinstance(limits, TorqueFamily)
-    assert isinstance(motion, PathMotion)
-    per_limit = motion.arm.mass_matrix * box.radius / problem.robot.limits.torque[:, None]
+    per_limit = motion.dynamics.mass_matrix * box.radius / problem.robot.limits.torque[:, None]
     every = np.arange(2 * problem.robot.n)
     family = Family(limits.B, limits.loads, limits.base, limits.base_terms, every)
     own_error = np.concatenate([per_limit, -per_limit], axis=1)
@@ -202,7 +203,7 @@ def coefficients(problem: TimeScalingProblem, box: Box, limit: Limit, points: Ar
     """Wrench of the bodies of a limit for parameters z (M, size): coefficients of u, x, 1 about the tray's origin,
     (M, 6, 3)."""
     phi = np.einsum("mnj,n->mj", box.inertial(z), limit.carried.astype(float))
-    per_rate = np.einsum("mkij,mj->mik", problem.limits.motion.regressors[points], phi)
+    per_rate = np.einsum("mkij,mj->mik", problem.limits.motion.wrench_map[points], phi)
     result = per_rate[:, :, :3].copy()
     result[:, :, 2] += np.einsum("mik,mk->mi", per_rate[:, :, 3:], box.error(z))
     return result
@@ -299,7 +300,6 @@ def tightness(problem: TimeScalingProblem, plan: Plan, seed: int) -> Tightness:
     rng = np.random.default_rng(seed)
     box = box_of(problem.config, problem.robot.n)
     found, searched = interfaces(problem, box, rng), ["slip", "tipping"]
-    assert isinstance(problem.limits.torque, TorqueFamily)
     if not problem.limits.torque.viscous.any():
         found.append(torque(problem, box))
         searched += [f"{joint} torque" for joint in problem.robot.joint_names]

@@ -19,6 +19,7 @@ from robustopt.certificate import certify
 from robustopt.config import AccelerationError
 from robustopt.config.load import load_config
 from robustopt.limits import build_problem
+from robustopt.limits.uncertainty import acceleration_error
 from robustopt.plotting import contacts_figure, figures, house_style, phase_plane, shares_figure, write_figures
 from robustopt.plotting.joints import joint_figures, joint_quantities
 from robustopt.plotting.style import LIMIT_COLOURS, OTHER, limit_colours, percent
@@ -70,7 +71,8 @@ class Problem:
         self.config = SimpleNamespace(name="wave", objects={}, walks=False, uncertainty=beliefs)
         x_max = np.min((3.0 / np.maximum(np.abs(self.q1), 1e-9)) ** 2, axis=1)
         self.facets = ()
-        self.limits = SimpleNamespace(x_max=x_max, torque=self, contacts=())
+        uncertainty = SimpleNamespace(error=acceleration_error(self.config, n, 0))
+        self.limits = SimpleNamespace(x_max=x_max, torque=self, contacts=(), uncertainty=uncertainty)
         self.viscous = np.zeros(1)
 
     def with_reference(self, reference):
@@ -79,7 +81,7 @@ class Problem:
     def torques(self, u, x):
         return self.q1 * u[:, None] + self.q2 * x[:, None] + 5.0
 
-    def excess(self, u, x, points):
+    def sides(self, u, x, points):
         nominal = self.q1[points] * u[:, None] + self.q2[points] * x[:, None] + 5.0
         return (np.hstack([nominal, -nominal]) + 2.0) / 20.0 - 1.0
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NoReturn
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -333,33 +333,50 @@ def _flush_output() -> None:
 
 
 def main() -> None:
-    """Entry point of the command `robustopt`.
+    """Run the command `robustopt` and end this process with its exit code.
 
     One thread for linear algebra: the matrices are small, and sums are then the same on every machine load.
     """
+    ending = _Ending()
+    atexit.register(ending.end_at_once)  # before all others, so that it is called after them
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     listen()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
     try:
-        code = run(sys.argv[1:])
+        ending.code = run(sys.argv[1:])
     except KeyboardInterrupt:  # once more, while the first one was being reported
-        code = INTERRUPTED
-    _leave(code)
+        ending.code = INTERRUPTED
+    _stop_listening()
+    with suppress(Exception):
+        end_processes()
+    sys.exit(ending.code)
 
 
-def _leave(code: int) -> NoReturn:
-    """End this process at once: taking down all that was imported takes as long as a plan, and what was interrupted
-    inside a library may complain of it. What asks it once more to stop ends it without a word."""
+def _stop_listening() -> None:
+    """Let a further signal end this process, without a word."""
     for number in STOPS:
         if signal.getsignal(number) is on_interrupt:
             signal.signal(number, signal.SIG_DFL)
-    for end in (end_processes, atexit._run_exitfuncs):
-        with suppress(Exception):
-            end()
-    for stream in (sys.stdout, sys.stderr):
-        if stream is not None:  # None if it was closed before
-            with suppress(OSError):
-                stream.flush()
-    os._exit(code)
+
+
+class _Ending:
+    """The end of this process after the exit functions of all libraries.
+
+    Python would take down every module after them, which takes as long as a plan; and a library in which something was
+    interrupted may complain of it.
+    """
+
+    code: int | None = None
+    """Exit code of the command; None while there is none."""
+
+    def end_at_once(self) -> None:
+        """Flush the output and end this process, if the command has an exit code."""
+        if self.code is None:
+            return
+        for stream in (sys.stdout, sys.stderr):
+            if stream is not None:  # None if it was closed before
+                with suppress(OSError):
+                    stream.flush()
+        os._exit(self.code)

@@ -100,7 +100,7 @@ def _references(config: Config, names: Collection[str]) -> Iterator[Finding]:
 
 def _per_interface(config: Config, names: Collection[str]) -> Iterator[Finding]:
     """Yield unknown names of contacts, and contacts without friction."""
-    contacts = dict.fromkeys([*config.interfaces, *names])
+    contacts = dict.fromkeys([*config.interfaces, *config.interfaces.values(), *names])
     truth: Key = ("execution", "truth")
     given: list[tuple[Key, Any]] = [
         (("contact", "friction"), config.contact.friction),

@@ -7,12 +7,13 @@ from dataclasses import dataclass, field
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
+from robustopt.arrays import Array
 from robustopt.confidence import clopper_pearson
 from robustopt.config import Config, LearningConfig
 from robustopt.errors import ConfigError, RunFolderError
 from robustopt.learning import learner_of
 from robustopt.learning.learner import Learner, Planned, Request, Result, Row, State, Trial, tell_all
-from robustopt.learning.parameters import Array, Cost
+from robustopt.learning.parameters import Cost
 from robustopt.runs.beliefs import Planner, learned_from
 from robustopt.runs.executors import JUDGED, Executor, Simulated
 from robustopt.runs.journal import Journal
@@ -112,11 +113,12 @@ def learn(
     config: Config,
     executor: Executor | None = None,
     *,
+    learner: Learner[Any] | None = None,
     journal: Journal | None = None,
     workers: int = 1,
     progress: Progress | None = None,
 ) -> Learned:
-    """Run the learner of a configuration to its end.
+    """Run the learner of a configuration, or one of your own, to its end.
 
     The same configuration and seed give the same result, bit for bit, whatever the number of workers, and however often
     the learner was interrupted and continued from its journal.
@@ -124,6 +126,7 @@ def learn(
     Args:
         config: the task; its `learning` section names the learner, its `execution` section the simulated world.
         executor: runs the plans, instead of the simulation.
+        learner: a learner of your own, instead of the one that `learning.algorithm` names; see docs/extending.md.
         journal: holds earlier events and records new ones; without it nothing is kept.
         workers: number of processes that plan and simulate.
         progress: called with the result so far, whenever there is more than before.
@@ -138,20 +141,26 @@ def learn(
         KeyboardInterrupt: interrupted; the journal has all that happened before.
     """
     executor, journal = executor or Simulated(config, workers), journal or Journal.in_memory()
-    return _Campaign(config, executor, journal, workers, progress).run()
+    return _Campaign(config, executor, learner, journal, workers, progress).run()
 
 
 class _Campaign:
     """Learner at work, with its planner, its executor and its journal."""
 
     def __init__(
-        self, config: Config, executor: Executor, journal: Journal, workers: int, progress: Progress | None
+        self,
+        config: Config,
+        executor: Executor,
+        learner: Learner[Any] | None,
+        journal: Journal,
+        workers: int,
+        progress: Progress | None,
     ) -> None:
         if not config.interfaces:
             raise ConfigError("found no objects; expected at least one that friction holds", key="objects")
         self.config = config
         self.settings = config.learning or LearningConfig()
-        self.learner = learner_of(self.settings, cost_of(config, self.settings, workers))
+        self.learner = learner or learner_of(self.settings, cost_of(config, self.settings, workers))
         self.executor, self.journal, self.progress = executor, journal, progress
         self.planner = Planner(config)
         self.state = replayed(self.learner, journal)
