@@ -5,8 +5,8 @@
     config = ro.load_config("configs/waiter_two_blocks.yaml", overrides=["contact.friction=0.3"])
     problem = ro.build_problem(config)
     plan = ro.solve(problem)
-    certificate = ro.certify(config, plan)
-    executions = ro.execute(config, plan, trials=100)
+    certificate = ro.certify(plan)
+    executions = ro.execute(plan, trials=100)
     learned = ro.learn(config)
 
 Names are imported on first use, so that importing the package is quick. Type checkers see them all.

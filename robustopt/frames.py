@@ -42,8 +42,10 @@ def _outcome(outcome: TrialOutcome) -> Iterator[tuple[str, object]]:
     for name, item in outcome.objects.items():
         yield from ((f"status_{name}", item.status.value), (f"t_{name}", item.time))
         yield from ((f"{kind}_{name}", getattr(item, kind)) for kind in ("slip", "tilt", "drop", "lift"))
-    yield from ((f"friction_{name}", outcome.friction[name]) for name in outcome.objects if name in outcome.friction)
+    rubbing = [name for name in outcome.objects if name in outcome.friction]
+    yield from ((f"friction_{name}", outcome.friction[name]) for name in dict.fromkeys([*rubbing, *outcome.friction]))
     yield from ((f"mass_{name}", mass) for name, mass in outcome.mass.items())
+    yield from ((f"force_{name}", force) for name, force in outcome.force.items())
 
 
 def learned_frame(learned: Learned) -> pd.DataFrame:

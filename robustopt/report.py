@@ -127,7 +127,7 @@ def _errors(values: Sequence[float]) -> str:
 def certificate_rows(certificate: CertificateRecord) -> list[Row]:
     """Return the lines of a certificate."""
     worst, margins = certificate.worst, certificate.margins
-    effort = f"{certificate.level}: {certificate.draws:,} draws, {certificate.tests:,} tests"
+    effort = f"{certificate.level}: {certificate.samples:,} samples, {certificate.tests:,} tests"
     name, margin = min(margins.items(), key=lambda item: _lowest(item[1].on_grid))
     lines = [
         Row("result", f"{'passed' if certificate.passed else 'failed'} ({effort})"),
@@ -248,14 +248,14 @@ def write_execution_figures(result: ExecutionResult, folder: Path, figures: bool
     ended = [outcome for outcome in executions.outcomes if outcome.error_steps]
     chosen = [next((o for o in ended if o.success is success), None) for success in (True, False)]
     traces = [
-        trace(result.config, result.plan, outcome.trial, executions.seed, executions.speed)
+        trace(result.plan, outcome.trial, result.config, executions.seed, executions.speed)
         for outcome in chosen
         if outcome is not None
     ]
     if traces and video:
         from robustopt.simulation.video import film, write_film
 
-        write_film(film(result.config, result.plan, traces, executions.seed), folder / "figures")
+        write_film(film(result.plan, traces, result.config, executions.seed), folder / "figures")
     if traces and figures:
         write(result.config, traces, result.plan.problem.robot, folder / "figures")
 

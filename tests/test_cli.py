@@ -277,7 +277,7 @@ def test_a_limit_that_no_forces_hold_is_the_smallest_margin():
     effort = {
         "level": "quick",
         "seed": 0,
-        "draws": 0,
+        "samples": 0,
         "tests": 9,
         "instants": 1,
         "intervals": 1,

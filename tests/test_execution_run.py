@@ -154,7 +154,7 @@ def test_without_an_ffmpeg_that_works_a_film_is_an_animated_webp(tmp_path, monke
 def test_the_file_has_the_outcomes_number_for_number(run, tmp_path):
     assert run("execute", WAITER, *QUICK, *TRUTH, "--trials", 3, "--out", "here", "--quiet")[0] == 0
     config = load_config(tmp_path / "here" / "config.yaml")
-    executions = execute(config, read_plan(config, tmp_path / "here" / "plan.csv"))
+    executions = execute(read_plan(config, tmp_path / "here" / "plan.csv"), config)
     for row, outcome in zip(table(tmp_path / "here" / "executions.csv"), executions.outcomes, strict=True):
         assert float(row["slip_block"]) == outcome.objects["block"].slip
         assert float(row["tracking_error"]) == outcome.tracking_error

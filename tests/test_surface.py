@@ -39,7 +39,7 @@ def run(file: Path) -> float:
     if plan.status is ro.Status.INFEASIBLE:
         remedies: tuple[ro.Remedy, ...] = ro.diagnose(plan).remedies
         raise ro.Infeasible(remedies[0].key)
-    certificate: ro.Certificate = ro.certify(config, plan)
+    certificate: ro.Certificate = ro.certify(plan)
     executions: ro.Executions = ro.execute(config, plan, trials=10)
     statuses: list[ro.TrialStatus] = [outcome.status for outcome in executions.outcomes]
     learned: ro.Learned = ro.learn(config)
@@ -52,7 +52,7 @@ def run(file: Path) -> float:
     ro.slove(problem)  # wrong
     ro.load_config(3)  # wrong
     ro.execute(config, plan, trials="many")  # wrong
-    ro.certify(config, plan, sed=3)  # wrong
+    ro.certify(plan, sed=3)  # wrong
     ro.learn(config, worker=2)  # wrong
     plan.export()  # wrong
     number: int = plan.message  # wrong

@@ -17,7 +17,7 @@ MARKS = {
     "success": ("o", GREEN), "failure": ("x", VERMILLION), "undecided": ("x", GREY), "infeasible": ("s", GREY),
     "not faster": (".", GREY), "not executed": ("D", BLUE),
 }  # fmt: skip
-"""Marker and colour of each result."""
+"""Marker and colour by result."""
 
 
 def learning_figure(records: Sequence[Iteration], target_rate: float, title: str) -> Figure:

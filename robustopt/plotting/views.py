@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from matplotlib.figure import Figure
 
-from robustopt.plotting.bars import shares_figure
 from robustopt.plotting.learning import learning_figure
 from robustopt.plotting.phase_plane import phase_plane
+from robustopt.plotting.shares import shares_figure
 from robustopt.plotting.style import house_style
 from robustopt.runs.campaign import Learned
 from robustopt.runs.learning_summary import row_record, target_rate

@@ -125,7 +125,7 @@ class Planner:
         if plan.status not in (Status.SOLVED, Status.INFEASIBLE):
             raise SolverFailed(f"no plan for {described(belief)}: {plan.message}")
         solved = self._certified and plan.status is Status.SOLVED
-        return PlanResult(config, plan, certify(config, plan, "quick", config.seed) if solved else None, None, {})
+        return PlanResult(config, plan, certify(plan, "quick", config.seed) if solved else None, None, {})
 
     def _refined(self, finer: int) -> Config:
         points = finer * self.config.solver.collocation_points

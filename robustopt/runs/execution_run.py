@@ -60,7 +60,7 @@ def execute_plan(
 ) -> ExecutionResult:
     """Execute a plan that has its certificate; arguments as for `robustopt.execute`."""
     start = time.perf_counter()
-    executions = execute(config, planned.plan, speed=speed, workers=workers, progress=progress)
+    executions = execute(planned.plan, config, speed=speed, workers=workers, progress=progress)
     seconds = time.perf_counter() - start
     return ExecutionResult(config, planned.plan, executions, seconds, summary(planned), planned=planned)
 
@@ -88,7 +88,7 @@ def execute_stored(
     config = unchanged_config(folder, [*overrides, *_grid(known)])
     plan = read_plan(config, folder / PLAN)
     start = time.perf_counter()
-    executions = execute(config, plan, speed=speed, workers=workers, progress=progress)
+    executions = execute(plan, config, speed=speed, workers=workers, progress=progress)
     return ExecutionResult(config, plan, executions, time.perf_counter() - start, known, source=folder)
 
 

@@ -59,7 +59,7 @@ class Simulated:
         Raises:
             KeyboardInterrupt: interrupted.
         """
-        executions = execute(self._config, planned.plan, speed=speed, numbers=numbers, workers=self._workers)
+        executions = execute(planned.plan, self._config, speed=speed, numbers=numbers, workers=self._workers)
         if executions.interrupted:
             raise KeyboardInterrupt
         return [_of(outcome) for outcome in executions.outcomes]

@@ -76,7 +76,7 @@ def plan_task(config: Config, certify_with: Effort = "quick") -> PlanResult:
     times.append(time.perf_counter())
     plan = solve(problem)
     times.append(time.perf_counter())
-    certificate = certify(config, plan, certify_with, config.seed) if plan.status is Status.SOLVED else None
+    certificate = certify(plan, certify_with, config.seed) if plan.status is Status.SOLVED else None
     diagnosis = diagnose(plan) if plan.status is Status.INFEASIBLE else None
     times.append(time.perf_counter())
     steps = ("build_problem", "solve", "certify" if certificate else "diagnose")

@@ -133,7 +133,7 @@ class CertificateRecord(Record):
     margins: dict[str, LimitMargin]
     level: str
     seed: int
-    draws: int
+    samples: int
     tests: int
     instants: int
     intervals: int
