@@ -1,7 +1,7 @@
 """Brute force: the fastest plan over (mu, K) that reaches a success rate, as a reference for learned plans.
 
-The plans of a grid are run from the fastest on, all in the same fresh trials. Each is run until it has too many failures
-to reach the rate in `trials` executions, or until its rate is too low beyond doubt.
+The plans of a grid are run from the fastest on, all in the same fresh trials. Each is run until it has too many
+failures to reach the rate in `trials` executions, or until its rate is too low beyond doubt.
 """
 
 from __future__ import annotations
