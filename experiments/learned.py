@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import Any
 
 import robustopt
-from robustopt.config import Config, load_config
+from robustopt.config import Config
+from robustopt.config.load import load_config
 from robustopt.runs.campaign import Learned, learn
 from robustopt.runs.journal import SIMULATION, Journal
 from robustopt.runs.learning_run import begin, complete, result_of, resumed, write_learning_files

@@ -18,7 +18,7 @@ from table_3 import WAITER
 from table_4 import FRICTIONS, WITH_ERROR
 
 from robustopt.arrays import Array
-from robustopt.config import dump
+from robustopt.config.load import dump
 from robustopt.learning.learner import Belief
 from robustopt.learning.parameters import values
 from robustopt.runs.beliefs import Planner, learned_from

@@ -1,4 +1,4 @@
-"""The paper's Table 1: bisection on the coefficient of friction for two blocks (Alg. 1), here in simulation.
+"""Write the paper's Table 1: bisection on the friction coefficient for two blocks (Alg. 1), here in simulation.
 
 python experiments/table_1.py [--out results/tables]
 """

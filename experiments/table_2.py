@@ -1,4 +1,4 @@
-"""The paper's Table 2: ILROBS(K = 1) on the one-block task in simulation (Alg. 2).
+"""Write the paper's Table 2: ILROBS(K = 1) on the one-block task in simulation (Alg. 2).
 
 python experiments/table_2.py [--out results/tables]
 """
@@ -14,7 +14,7 @@ from robustopt.runs.learning_summary import confidence_sentence
 from robustopt.tables import Column, Table, write_table
 
 PAPER_ITERATIONS, PAPER_SUCCESS = 6, 74
-"""Figures of Table 2 that the paper's text gives: iterations, and successes of the result in 100 trials."""
+"""Numbers of the text of the paper about its Table 2: iterations, and successes of the result in 100 trials."""
 
 RESULTS = {"success": "S", "failure": "F", "infeasible": "no plan", "not executed": "returned"}
 

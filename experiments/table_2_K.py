@@ -1,4 +1,4 @@
-"""Table 2 for other K, in the paper's world and in a stochastic one: success rates against Phi(K).
+"""Write Table 2 for other K, in the paper's world and in a stochastic one: success rates against Phi(K).
 
 python experiments/table_2_K.py [--out results/tables]
 """

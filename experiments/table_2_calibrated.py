@@ -1,4 +1,4 @@
-"""The calibrated learner in a stochastic world, beside ILROBS and brute force.
+"""Write the results of the calibrated learner in a stochastic world, beside ILROBS and brute force.
 
 python experiments/table_2_calibrated.py [--out results/tables]
 """
@@ -78,7 +78,7 @@ def write(out: Path, place: Bench) -> list[Path]:
 
 
 def _overrides(rate: float, first: Belief) -> tuple[str, ...]:
-    """Return the overrides for the calibrated learner of a rate, which tests a belief first."""
+    """Return the overrides of the calibrated learner for a rate, which tests a setting first."""
     error = first.error or ErrorInterval()
     mean, deviation = ([error.share * value for value in values] for values in (error.mean, error.deviation))
     belief = {"friction": first.friction, "joint_acceleration": {"mean": mean, "deviation": deviation, "K": error.K}}

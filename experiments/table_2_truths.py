@@ -1,4 +1,4 @@
-"""Table 2 for actual frictions on and off the bisection's grid, beside the fastest plan that brute force finds.
+"""Write Table 2 for actual frictions on and off the bisection's grid, beside the fastest plan by brute force.
 
 python experiments/table_2_truths.py [--out results/tables]
 """

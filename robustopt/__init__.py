@@ -18,7 +18,7 @@ from typing import Any
 __version__ = "0.1.0"
 
 _HOMES = {
-    "load_config": "robustopt.config",
+    "load_config": "robustopt.config.load",
     "Config": "robustopt.config",
     "build_problem": "robustopt.limits",
     "solve": "robustopt.solvers",

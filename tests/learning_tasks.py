@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from scenes import FLAT, scene
 
-from robustopt.config import Config, dump
+from robustopt.config import Config
+from robustopt.config.load import dump
 from robustopt.learning.learner import Belief
 from robustopt.learning.moments import Moments
 from robustopt.runs import beliefs

@@ -13,8 +13,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from robustopt.config import Config
-from robustopt.config.geometry import placements
 from robustopt.limits import TimeScalingProblem
+from robustopt.scene.placement import placements
 
 STEP = 2e-4
 """Time step of the finite differences [s]: errors of 1e-7 of the accelerations met here."""
@@ -45,7 +45,7 @@ def tray_motion(problem: TimeScalingProblem, point: int, u: float, x: float, err
     q, q1, q2 = (problem.path.evaluate(np.array([s]), piece, order)[0] for order in range(3))
     velocity, acceleration = q1 * np.sqrt(x), q1 * u + q2 * x + error
     times = np.array([-STEP, 0.0, STEP])
-    positions, rotations = robot.tray_pose(q + np.outer(times, velocity) + 0.5 * np.outer(times**2, acceleration))
+    positions, rotations = robot.carrier_pose(q + np.outer(times, velocity) + 0.5 * np.outer(times**2, acceleration))
     linear = (positions[0] - 2 * positions[1] + positions[2]) / STEP**2
     before, after = (Rotation.from_matrix(rotations[k] @ rotations[1].T).as_rotvec() for k in (0, 2))
     into_tray = rotations[1].T

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from robustopt.config import Config, load_config, with_values
+from robustopt.config import Config
 from robustopt.config import Config as Model
+from robustopt.config.load import load_config, with_values
 from robustopt.limits import TimeScalingProblem, build_problem
 from robustopt.solvers import Plan, Status, solve
 

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 import robustopt as ro
-from robustopt.config import Config, load_config, with_values
+from robustopt.config import Config
+from robustopt.config.load import load_config, with_values
 from robustopt.errors import ConfigError, SolverFailed
 from robustopt.limits import build_problem
 from robustopt.processes import end_processes, in_processes

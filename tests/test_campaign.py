@@ -8,7 +8,8 @@ import pytest
 from learning_tasks import ALGORITHMS, THRESHOLD, Threshold, remember_plans, task
 
 from robustopt.confidence import clopper_pearson
-from robustopt.config import Config, with_values
+from robustopt.config import Config
+from robustopt.config.load import with_values
 from robustopt.errors import ConfigError, RunFolderError, SolverFailed
 from robustopt.learning.learner import Belief, End, Result
 from robustopt.learning.moments import ErrorInterval

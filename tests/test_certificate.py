@@ -24,7 +24,7 @@ from robustopt.certificate.tally import Tally
 from robustopt.config import Config
 from robustopt.errors import SolverFailed
 from robustopt.robot import load_robot
-from robustopt.robot.model_file import TRAY_SITE
+from robustopt.robot.preparation import CARRIER_SITE
 from robustopt.solvers import Plan
 
 G = 9.81
@@ -371,7 +371,7 @@ def _cubic(bend: np.ndarray, s: np.ndarray, order: int) -> np.ndarray:
 
 def _with_load(robot: Any, world: Scene, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
     spec = robot.spec.copy()
-    site = next(site for site in spec.sites if site.name == TRAY_SITE)
+    site = next(site for site in spec.sites if site.name == CARRIER_SITE)
     body = site.parent.add_body(name="load", pos=site.pos, quat=site.quat)
     for k, item in enumerate(world.bodies):
         inertia = item.mass * item.inertia

@@ -13,7 +13,7 @@ import pytest
 
 from robustopt import __version__
 from robustopt.certificate import Worst
-from robustopt.config import load_config
+from robustopt.config.load import load_config
 from robustopt.errors import RobustOptError
 from robustopt.interruption import interruptions, on_interrupt
 from robustopt.report import sections

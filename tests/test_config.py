@@ -8,7 +8,8 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robustopt.config import dump, load_config, located, schema, with_values
+from robustopt.config import schema
+from robustopt.config.load import dump, load_config, located, with_values
 from robustopt.errors import ConfigError, ConfigProblem, PathError
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -200,7 +201,13 @@ WRONG_VALUES = [
         3,
         "missing; expected a list of three numbers from 1e-06 to 100 in metres",
     ),
-    ("tray: {size: [0.3, 0.3, 0.01], mass: 1.0}", "", "tray", 1, "missing; expected a section with the keys size, mas"),
+    (
+        "tray: {size: [0.3, 0.3, 0.01], mass: 1.0}",
+        "",
+        "tray",
+        1,
+        "missing, but lower stands on it; expected a section with the keys size, mas",
+    ),
     ("friction: 0.5", "friction: 0", "contact.friction", 7, "found 0; expected a number from 1e-06 to 100"),
     ("cone_edges: 16", "cone_edges: 16.5", "contact.cone_edges", 7, "found 16.5; expected a whole number from 3 to 64"),
     ("cone_edges: 16", "conedges: 16", "contact.conedges", 7, "unknown key; did you mean cone_edges? expected one of"),

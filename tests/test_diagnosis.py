@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scenes import FLAT, WAITERS, G, plan_of, scene, waiter
 
-from robustopt.config import Config, with_values
+from robustopt.config import Config
+from robustopt.config.load import with_values
 from robustopt.limits import build_problem
 from robustopt.solvers import Status, solve
 from robustopt.solvers.diagnosis import Diagnosis, Remedy, diagnose

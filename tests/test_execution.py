@@ -14,7 +14,8 @@ from scipy.stats import binom
 
 from robustopt import processes
 from robustopt.confidence import clopper_pearson
-from robustopt.config import DisturbanceConfig, ExecutionConfig, TruthConfig, with_values
+from robustopt.config import DisturbanceConfig, ExecutionConfig, TruthConfig
+from robustopt.config.load import with_values
 from robustopt.errors import ConfigError, ProblemInfeasible, SimulationFailed
 from robustopt.learning.moments import Moments
 from robustopt.processes import cores

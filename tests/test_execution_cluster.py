@@ -10,7 +10,7 @@ import pytest
 from scenes import FIXTURES, FLAT, scene
 
 from robustopt import cli, commands
-from robustopt.config import dump
+from robustopt.config.load import dump
 from robustopt.runs.store import read_summary
 from robustopt.simulation import monte_carlo
 

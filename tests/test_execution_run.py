@@ -15,7 +15,7 @@ from PIL import Image
 from scenes import CONFIGS
 
 from robustopt import cli
-from robustopt.config import load_config
+from robustopt.config.load import load_config
 from robustopt.robot.model_file import resolve_package
 from robustopt.runs import execution_run
 from robustopt.runs.execution_run import read_plan

@@ -8,7 +8,9 @@ from pathlib import Path
 import pytest
 from learning_tasks import THRESHOLD, task
 
-from robustopt.config import dump
+import robustopt as ro
+from robustopt.config.load import dump
+from robustopt.tasks import PAPER_TASK
 
 PAGE = Path(__file__).parent.parent / "docs" / "extending.md"
 
@@ -43,3 +45,20 @@ def test_a_learner_of_a_user_runs(tmp_path):
     rows = [line.split() for line in output.splitlines()]
     assert [result for _, result in rows] == ["success"] * (len(rows) - 1) + ["failure"]
     assert float(rows[-2][0]) < 0.95 * THRESHOLD < float(rows[-1][0])  # creep ends the last percents of friction
+
+
+def test_a_limit_of_a_user_bounds_the_plan(tmp_path):
+    free, slow, binds = map(float, re.findall(r"[\d.]+\d|\d+", run("Add a limit", tmp_path)))
+    assert slow > 1.2 * free
+    assert binds > 50
+
+
+def test_a_contact_law_of_a_user_bounds_the_plan(tmp_path):
+    smooth, ribbed = map(float, re.findall(r"[\d.]+\d", run("Add a contact law", tmp_path)))
+    assert ribbed > 1.2 * smooth
+
+
+def test_a_law_for_no_contact_is_refused():
+    config = ro.load_config(PAPER_TASK)
+    with pytest.raises(ro.RobustOptError, match="which is no contact of an object; expected"):
+        ro.build_problem(config, laws={"plank": lambda patch, mu, edges: None})

@@ -6,19 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robustopt.config import Config
-from robustopt.config.geometry import (
-    area,
-    clip,
-    contains,
-    convex_hull,
-    erode,
-    patches,
-    placements,
-    rectangle,
-    regular_polygon,
-    standing_order,
-)
 from robustopt.errors import ConfigError
+from robustopt.geometry import area, clip, contains, convex_hull, erode, rectangle, regular_polygon
+from robustopt.scene.patches import patches
+from robustopt.scene.placement import placements, standing_order
 
 UNIT = rectangle(np.zeros(2), np.array([1.0, 1.0]))
 lengths = st.floats(0.1, 2.0)
@@ -131,9 +122,9 @@ def test_object_turns_and_moves_with_what_it_stands_on():
 def test_patches_of_a_stack_are_the_overlaps_of_faces():
     config = scene({"lower": box(), "upper": box(on="lower", at=[0.03, 0.0])})
     lower, upper = patches(config)
-    assert (lower.object, lower.support, lower.z) == ("lower", "tray", pytest.approx(0.005))
+    assert (lower.object, lower.support, lower.origin[2]) == ("lower", "tray", pytest.approx(0.005))
     assert area(lower.polygon) == pytest.approx(0.08**2)
-    assert (upper.object, upper.support, upper.z) == ("upper", "lower", pytest.approx(0.125))
+    assert (upper.object, upper.support, upper.origin[2]) == ("upper", "lower", pytest.approx(0.125))
     assert area(upper.polygon) == pytest.approx(0.05 * 0.08)
 
 
@@ -156,12 +147,12 @@ def test_bridge_has_two_patches_in_the_tray_frame():
     )
     on_left, on_right = [patch for patch in patches(config) if patch.object == "plank"]
     assert (on_left.support, on_right.support) == ("left", "right")
-    assert on_left.yaw == pytest.approx(0.2)
+    assert on_left.turn == pytest.approx(0.2)
     assert area(on_right.polygon) == pytest.approx(0.06 * (-0.04 + 0.11))
     assert placements(config)["plank"].position == pytest.approx([0.0, 0.01, 0.005 + 0.12 + 0.01])
 
 
 def test_objects_that_stand_on_each_other_have_no_order():
     config = scene({"a": box(on="b"), "b": box(on="a"), "c": box()})
-    with pytest.raises(ConfigError, match="a, b: what they stand on does not lead to the tray"):
+    with pytest.raises(ConfigError, match="a, b: their supports lead neither to the tray nor to a held object"):
         standing_order(config.objects)

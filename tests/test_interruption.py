@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from robustopt import interruption, processes
-from robustopt.config import load_config
+from robustopt.config.load import load_config
 from robustopt.errors import SimulationFailed
 from robustopt.interruption import held
 from robustopt.limits import TimeScalingProblem, build_problem

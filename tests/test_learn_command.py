@@ -19,7 +19,7 @@ from rich.console import Console
 
 from robustopt import report
 from robustopt.cli import terminal
-from robustopt.config import dump, load_config
+from robustopt.config.load import dump, load_config
 from robustopt.errors import RunFolderError, SolverFailed
 from robustopt.interruption import interruptions, on_interrupt
 from robustopt.runs import beliefs, executors, learning_run, learning_table

@@ -11,7 +11,7 @@ import pytest
 from learning_tasks import remember_plans, task
 
 from robustopt import cli
-from robustopt.config import dump
+from robustopt.config.load import dump
 from robustopt.learning.learner import Belief
 from robustopt.learning.moments import Moments
 from robustopt.runs.beliefs import Planner

@@ -16,9 +16,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import waiter
 
-from robustopt.config.geometry import patches
 from robustopt.limits import TimeScalingProblem, build_problem
-from robustopt.limits.contact import patch_facets
+from robustopt.limits.cones import patch_facets
+from robustopt.limits.formulas import evaluate
 from robustopt.limits.polygons import (
     MAX_VERTICES,
     NO_NAME,
@@ -32,8 +32,8 @@ from robustopt.limits.polygons import (
     facet_family,
     start,
 )
-from robustopt.limits.rows import evaluate
-from robustopt.limits.uncertainty import friction
+from robustopt.limits.uncertainty import uncertainty_of
+from robustopt.scene.patches import patches
 
 EXPERIMENTS = Path(__file__).parents[1] / "experiments"
 KINDS = ("friction", "joint_acceleration", "contact_points", "center_of_mass", "mass")
@@ -266,12 +266,13 @@ def worst_contact(
     problem: TimeScalingProblem, point: int, u: float, x: float, draws: list[mechanics.Draw], moves: list[np.ndarray]
 ) -> float:
     """Largest facet value of any interface over draws and displacements of its corners, as a fraction of the weight."""
-    config, lowest, worst = problem.config, friction(problem.config), -np.inf
+    config, worst = problem.config, -np.inf
+    lowest = uncertainty_of(config, problem.robot.n, problem.robot.base).worst_friction
     for draw, move in zip(draws, moves, strict=True):
         motion = mechanics.tray_motion(problem, point, u, x, draw.error)
         for patch in patches(config):
             corners = patch.polygon + move
-            centre = np.append(corners.mean(axis=0), patch.z)
+            centre = np.append(corners.mean(axis=0), patch.origin[2])
             facets = patch_facets(corners - centre[:2], lowest[patch.object], config.contact.cone_edges)
             names = [patch.object] if patch.object == "upper" else ["lower", "upper"]
             wrench = mechanics.required_wrench(config, names, draw, motion, centre)

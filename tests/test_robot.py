@@ -18,7 +18,8 @@ from robustopt.errors import RobotError
 from robustopt.models import MODELS
 from robustopt.path.collision import CollisionCheck
 from robustopt.robot import Robot, load_robot
-from robustopt.robot.model_file import load_model, model_hash, resolve_package
+from robustopt.robot.model_file import model_hash, resolve_package
+from robustopt.robot.preparation import load_model
 
 FIXTURES = Path(__file__).parent / "fixtures"
 TRAY = {"size": [0.3, 0.3, 0.01], "mass": 1.0}
@@ -78,15 +79,16 @@ def test_double_pendulum_has_its_closed_form_dynamics() -> None:
     for i in range(20):
         mass, velocity, gravity = pendulum_dynamics(q[i], q1[i])
         np.testing.assert_allclose(found.mass_matrix[i], mass, atol=1e-12)
-        np.testing.assert_allclose(found.tau_u[i], mass @ q1[i], atol=1e-12)
-        np.testing.assert_allclose(found.tau_x[i], mass @ q2[i] + velocity, atol=1e-12)
-        np.testing.assert_allclose(found.tau_0[i], gravity, atol=1e-12)
+        np.testing.assert_allclose(found.force_u[i], mass @ q1[i], atol=1e-12)
+        np.testing.assert_allclose(found.force_x[i], mass @ q2[i] + velocity, atol=1e-12)
+        np.testing.assert_allclose(found.force_0[i], gravity, atol=1e-12)
 
 
 def test_double_pendulum_has_its_closed_form_kinematics() -> None:
     robot = load(PENDULUM)
     q, q1, q2 = random_motion(robot, 20)
-    found = robot.dynamics(q, q1, q2)
+    found = robot.dynamics(q, q1, q2).carrier
+    assert found is not None
     first, both = q[:, 0], q.sum(axis=1)
     zero = np.zeros(20)
     tip = np.stack([-0.5 * np.sin(first) - 0.4 * np.sin(both), zero, -0.5 * np.cos(first) - 0.4 * np.cos(both)], axis=1)
@@ -116,7 +118,7 @@ PUBLISHED_FRAMES = [  # rotation of the child in the parent, row-major, and posi
 def test_tx90l_has_the_published_frames_and_limits() -> None:
     robot = load(TX90L)
     q, _, _ = random_motion(robot, 20)
-    positions, rotations = robot.tray_pose(q)
+    positions, rotations = robot.carrier_pose(q)
     for qi, position, rotation in zip(q, positions, rotations, strict=True):
         R, p = np.eye(3), np.zeros(3)
         for (rows, offset), angle in zip(PUBLISHED_FRAMES, qi, strict=True):
@@ -138,8 +140,8 @@ def test_tray_is_mounted_at_its_pose_in_the_tool_frame() -> None:
     flange = load(TX90L)
     mounted = load(TX90L, {"pose": {"position": [0.1, 0.2, 0.3], "rpy": [0.0, -np.pi / 2, 0.0]}})
     q, _, _ = random_motion(flange, 5)
-    position, rotation = flange.tray_pose(q)
-    tray_position, tray_rotation = mounted.tray_pose(q)
+    position, rotation = flange.carrier_pose(q)
+    tray_position, tray_rotation = mounted.carrier_pose(q)
     np.testing.assert_allclose(tray_position, position + rotation @ [0.1, 0.2, 0.3], atol=1e-12)
     np.testing.assert_allclose(tray_rotation[:, :, 2], -rotation[:, :, 0], atol=1e-12)  # normal = -x of the flange
 
@@ -147,7 +149,7 @@ def test_tray_is_mounted_at_its_pose_in_the_tool_frame() -> None:
 def test_a_body_can_be_the_tool() -> None:
     by_site, by_body = load(TX90L), load(TX90L | {"tool": "link6"})
     q, _, _ = random_motion(by_site, 3)
-    np.testing.assert_array_equal(by_site.tray_pose(q)[0], by_body.tray_pose(q)[0])
+    np.testing.assert_array_equal(by_site.carrier_pose(q)[0], by_body.carrier_pose(q)[0])
 
 
 def test_jacobian_is_the_derivative_of_the_tray_pose(tx90l: Robot) -> None:
@@ -156,12 +158,14 @@ def test_jacobian_is_the_derivative_of_the_tray_pose(tx90l: Robot) -> None:
     h = 1e-6
     for joint in range(tx90l.n):
         step = h * np.eye(tx90l.n)[joint]
-        (p_after, R_after), (p_before, R_before) = tx90l.tray_pose(q + step), tx90l.tray_pose(q - step)
+        (p_after, R_after), (p_before, R_before) = tx90l.carrier_pose(q + step), tx90l.carrier_pose(q - step)
         linear = (p_after - p_before) / (2 * h)
         angular = Rotation.from_matrix(R_before.transpose(0, 2, 1) @ R_after).as_rotvec() / (2 * h)
-        into_tray = found.rotation.transpose(0, 2, 1)
-        np.testing.assert_allclose(found.jacobian[:, :3, joint], np.einsum("pij,pj->pi", into_tray, linear), atol=1e-8)
-        np.testing.assert_allclose(found.jacobian[:, 3:, joint], angular, atol=1e-8)
+        into_tray = found.carrier.rotation.transpose(0, 2, 1)
+        np.testing.assert_allclose(
+            found.carrier.jacobian[:, :3, joint], np.einsum("pij,pj->pi", into_tray, linear), atol=1e-8
+        )
+        np.testing.assert_allclose(found.carrier.jacobian[:, 3:, joint], angular, atol=1e-8)
 
 
 def test_bias_completes_the_acceleration_of_the_tray(tx90l: Robot) -> None:
@@ -170,24 +174,26 @@ def test_bias_completes_the_acceleration_of_the_tray(tx90l: Robot) -> None:
 
     def world_velocity(t: float) -> np.ndarray:
         moved = tx90l.dynamics(q + t * q1 + t**2 / 2 * q2, q1 + t * q2, q2)
-        velocity = np.einsum("pij,pj->pi", moved.jacobian, q1 + t * q2)
-        return np.hstack([np.einsum("pij,pj->pi", moved.rotation, part) for part in (velocity[:, :3], velocity[:, 3:])])
+        velocity = np.einsum("pij,pj->pi", moved.carrier.jacobian, q1 + t * q2)
+        return np.hstack(
+            [np.einsum("pij,pj->pi", moved.carrier.rotation, part) for part in (velocity[:, :3], velocity[:, 3:])]
+        )
 
     h = 1e-5
     acceleration = (world_velocity(h) - world_velocity(-h)) / (2 * h)
-    expected = np.einsum("pij,pj->pi", found.jacobian, q2) + found.bias
+    expected = np.einsum("pij,pj->pi", found.carrier.jacobian, q2) + found.carrier.bias
     for part in (slice(0, 3), slice(3, 6)):
-        in_world = np.einsum("pij,pj->pi", found.rotation, expected[:, part])
+        in_world = np.einsum("pij,pj->pi", found.carrier.rotation, expected[:, part])
         np.testing.assert_allclose(in_world, acceleration[:, part], atol=1e-7)
 
 
 def test_tray_jacobian_of_one_point_agrees_with_the_dynamics(tx90l: Robot) -> None:
     q, q1, q2 = random_motion(tx90l, 3)
     found = tx90l.dynamics(q, q1, q2)
-    position, rotation, jacobian = tx90l.tray_jacobian(q[1])
-    np.testing.assert_allclose(position, found.position[1], atol=1e-14)
-    np.testing.assert_allclose(rotation.T @ jacobian[:3], found.jacobian[1, :3], atol=1e-13)
-    np.testing.assert_allclose(rotation.T @ jacobian[3:], found.jacobian[1, 3:], atol=1e-13)
+    position, rotation, jacobian = tx90l.carrier_jacobian(q[1])
+    np.testing.assert_allclose(position, found.carrier.position[1], atol=1e-14)
+    np.testing.assert_allclose(rotation.T @ jacobian[:3], found.carrier.jacobian[1, :3], atol=1e-13)
+    np.testing.assert_allclose(rotation.T @ jacobian[3:], found.carrier.jacobian[1, 3:], atol=1e-13)
 
 
 @given(seed=st.integers(0, 10_000))
@@ -203,17 +209,17 @@ def test_the_torque_does_the_work_that_the_kinetic_energy_takes(seed: int) -> No
         moved = robot.dynamics(q + t * q1 + t**2 / 2 * q2, velocity, q2)
         return float(velocity[0] @ moved.mass_matrix[0] @ velocity[0] / 2)
 
-    power = float(q1[0] @ robot.dynamics(q, q1, q2).tau_x[0])
+    power = float(q1[0] @ robot.dynamics(q, q1, q2).force_x[0])
     assert power == pytest.approx((energy(h) - energy(-h)) / (2 * h), rel=1e-5, abs=1e-5)
 
 
 def test_the_torque_at_rest_is_the_gradient_of_the_potential_energy(tx90l: Robot) -> None:
     q, q1, q2 = random_motion(tx90l, 4)
     weight, h = float(tx90l.spec.compile().body_mass.sum()) * G, 1e-6
-    tau_0 = tx90l.dynamics(q, q1, q2).tau_0
+    force_0 = tx90l.dynamics(q, q1, q2).force_0
     for joint, step in enumerate(h * np.eye(6)):
         rise = (tx90l.center_of_mass(q + step) - tx90l.center_of_mass(q - step))[:, 2] / (2 * h)
-        np.testing.assert_allclose(tau_0[:, joint], weight * rise, atol=1e-5)
+        np.testing.assert_allclose(force_0[:, joint], weight * rise, atol=1e-5)
 
 
 def test_mass_matrix_is_symmetric_and_positive(tx90l: Robot) -> None:
@@ -225,12 +231,12 @@ def test_mass_matrix_is_symmetric_and_positive(tx90l: Robot) -> None:
 def test_results_do_not_depend_on_what_was_asked_before(tx90l: Robot) -> None:
     q, q1, q2 = random_motion(tx90l, 6)
     together = tx90l.dynamics(q, q1, q2)
-    tx90l.tray_pose(q[::-1])
+    tx90l.carrier_pose(q[::-1])
     alone = tx90l.dynamics(q[4:5], q1[4:5], q2[4:5])
-    np.testing.assert_array_equal(together.tau_x[4], alone.tau_x[0])
-    np.testing.assert_array_equal(together.bias[4], alone.bias[0])
+    np.testing.assert_array_equal(together.force_x[4], alone.force_x[0])
+    np.testing.assert_array_equal(together.carrier.bias[4], alone.carrier.bias[0])
     with pytest.raises(ValueError, match="read-only"):
-        together.tau_0[0] = 0.0
+        together.force_0[0] = 0.0
 
 
 def test_a_spring_in_a_joint_counts_as_torque(tmp_path: Path) -> None:
@@ -241,8 +247,8 @@ def test_a_spring_in_a_joint_counts_as_torque(tmp_path: Path) -> None:
     plain, sprung = load(PENDULUM), load({"model": "sprung.xml", "tool": "tip"}, folder=tmp_path)
     q, q1, q2 = random_motion(plain, 5)
     one, other = plain.dynamics(q, q1, q2), sprung.dynamics(q, q1, q2)
-    np.testing.assert_allclose(other.tau_0[:, 1] - one.tau_0[:, 1], 3 * (q[:, 1] - 0.1), atol=1e-12)
-    np.testing.assert_allclose(other.tau_x, one.tau_x, atol=1e-12)
+    np.testing.assert_allclose(other.force_0[:, 1] - one.force_0[:, 1], 3 * (q[:, 1] - 0.1), atol=1e-12)
+    np.testing.assert_allclose(other.force_x, one.force_x, atol=1e-12)
 
 
 def test_turning_the_base_is_turning_gravity_the_other_way() -> None:
@@ -251,11 +257,13 @@ def test_turning_the_base_is_turning_gravity_the_other_way() -> None:
     level = load(TX90L, gravity=turn.inv().apply([0, 0, -G]).tolist())
     motion = random_motion(level, 6)
     one, other = turned.dynamics(*motion), level.dynamics(*motion)
-    np.testing.assert_allclose(one.tau_0, other.tau_0, atol=1e-10)
-    np.testing.assert_allclose(one.tau_x, other.tau_x, atol=1e-10)
-    np.testing.assert_allclose(one.gravity, other.gravity, atol=1e-12)
-    np.testing.assert_allclose(one.jacobian, other.jacobian, atol=1e-12)
-    np.testing.assert_allclose(one.position, other.position @ turn.as_matrix().T + [1, 2, 3], atol=1e-12)
+    np.testing.assert_allclose(one.force_0, other.force_0, atol=1e-10)
+    np.testing.assert_allclose(one.force_x, other.force_x, atol=1e-10)
+    np.testing.assert_allclose(one.carrier.gravity, other.carrier.gravity, atol=1e-12)
+    np.testing.assert_allclose(one.carrier.jacobian, other.carrier.jacobian, atol=1e-12)
+    np.testing.assert_allclose(
+        one.carrier.position, other.carrier.position @ turn.as_matrix().T + [1, 2, 3], atol=1e-12
+    )
 
 
 def test_locked_joints_hold_their_position() -> None:
@@ -268,10 +276,10 @@ def test_locked_joints_hold_their_position() -> None:
     q[:, [2, 5]], q1[:, [2, 5]], q2[:, [2, 5]] = [1.2, -0.4], 0.0, 0.0
     one = locked.dynamics(q[:, moving], q1[:, moving], q2[:, moving])
     other = free.dynamics(q, q1, q2)
-    np.testing.assert_allclose(one.tau_x, other.tau_x[:, moving], atol=1e-10)
-    np.testing.assert_allclose(one.tau_0, other.tau_0[:, moving], atol=1e-10)
-    np.testing.assert_allclose(one.position, other.position, atol=1e-12)
-    np.testing.assert_allclose(one.rotation, other.rotation, atol=1e-12)
+    np.testing.assert_allclose(one.force_x, other.force_x[:, moving], atol=1e-10)
+    np.testing.assert_allclose(one.force_0, other.force_0[:, moving], atol=1e-10)
+    np.testing.assert_allclose(one.carrier.position, other.carrier.position, atol=1e-12)
+    np.testing.assert_allclose(one.carrier.rotation, other.carrier.rotation, atol=1e-12)
     np.testing.assert_array_equal(locked.limits.torque, [800, 600, 100, 50])
 
 
@@ -332,9 +340,9 @@ def test_urdf_carries_limits_and_joint_friction() -> None:
     np.testing.assert_array_equal(robot.limits.viscous_friction, [0.5, 0])
     q, q1, q2 = np.array([[0.5, 0.1]]), np.array([[1.0, 0.0]]), np.zeros((1, 2))
     found = robot.dynamics(q, q1, q2)
-    np.testing.assert_allclose(found.position[0], [0.7 * np.cos(0.5), 0.7 * np.sin(0.5), 0.1], atol=1e-12)
+    np.testing.assert_allclose(found.carrier.position[0], [0.7 * np.cos(0.5), 0.7 * np.sin(0.5), 0.1], atol=1e-12)
     assert found.mass_matrix[0, 0, 0] == pytest.approx(0.03 + 2 * 0.2**2 + 0.01 + 1 * 0.6**2)
-    assert found.tau_x[0, 1] == pytest.approx(-1 * 0.6)  # centrifugal force on the slide, held inwards
+    assert found.force_x[0, 1] == pytest.approx(-1 * 0.6)  # centrifugal force on the slide, held inwards
 
 
 def test_what_is_left_out_of_a_urdf_is_noted() -> None:
@@ -362,8 +370,8 @@ def test_flags_of_the_file_change_neither_dynamics_nor_collisions(tmp_path: Path
     plain, flagged = load(PENDULUM), load(PENDULUM | {"model": str(tmp_path / "arm.xml")})
     q = np.array([[0.3, -0.4]])
     zero = np.zeros_like(q)
-    assert np.abs(plain.dynamics(q, zero, zero).tau_0).min() > 0.1
-    assert np.array_equal(plain.dynamics(q, zero, zero).tau_0, flagged.dynamics(q, zero, zero).tau_0)
+    assert np.abs(plain.dynamics(q, zero, zero).force_0).min() > 0.1
+    assert np.array_equal(plain.dynamics(q, zero, zero).force_0, flagged.dynamics(q, zero, zero).force_0)
     obstacle = '<worldbody><geom type="box" pos="0 0 0" size="9 9 9"/>'
     (tmp_path / "arm.xml").write_text(text.replace("<worldbody>", FLAGS + obstacle, 1), encoding="utf-8")
     config = make_config(PENDULUM | {"model": str(tmp_path / "arm.xml")})
@@ -381,7 +389,7 @@ def test_joints_without_a_name_get_one(tmp_path: Path) -> None:
     config = make_config(robot | {"locked": {"joint_1": 0.3}})
     found, plain = load_robot(config), load(PENDULUM | {"locked": {"shoulder": 0.3}})
     q = np.array([[0.2]])
-    assert np.allclose(found.tray_pose(q)[0], plain.tray_pose(q)[0])
+    assert np.allclose(found.carrier_pose(q)[0], plain.carrier_pose(q)[0])
 
 
 def bad(robot: dict[str, Any], **more: Any) -> str:
@@ -479,7 +487,7 @@ def test_a_body_with_several_joints_is_locked_as_a_whole_or_not(tmp_path: Path) 
     robot = {"model": "two.xml", "tool": "tool"}
     assert "lock yaw too, or none" in bad(robot | {"locked": {"z": 0.5}}, folder=tmp_path)
     both = load(robot | {"locked": {"z": 0.5, "yaw": np.pi / 2}}, folder=tmp_path)
-    position, rotation = both.tray_pose(np.array([[1.0, 2.0]]))
+    position, rotation = both.carrier_pose(np.array([[1.0, 2.0]]))
     np.testing.assert_allclose(position[0], [1.0, 2.0, 0.5], atol=1e-12)
     np.testing.assert_allclose(rotation[0], [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12)
 

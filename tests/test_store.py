@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from robustopt.config import Config, dump, load_config
+from robustopt.config import Config
+from robustopt.config.load import dump, load_config
 from robustopt.errors import RunFolderError
 from robustopt.models import MODELS
 from robustopt.runs import store

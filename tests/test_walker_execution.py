@@ -12,14 +12,15 @@ import numpy as np
 import pytest
 
 from robustopt.cli import run
-from robustopt.config import Config, load_config, with_values
+from robustopt.config import Config
+from robustopt.config.load import load_config, with_values
 from robustopt.errors import ConfigError
 from robustopt.learning.learner import Belief
 from robustopt.learning.moments import ErrorInterval
 from robustopt.limits import build_problem
 from robustopt.path.footsteps import footsteps
+from robustopt.robot import Robot
 from robustopt.robot.model_file import MODELS
-from robustopt.robot.walker import Walker
 from robustopt.runs.beliefs import believing
 from robustopt.runs.campaign import learn
 from robustopt.simulation import Status, execute, monte_carlo
@@ -234,7 +235,6 @@ def test_the_truth_is_in_the_model():
     }  # fmt: skip
     config = with_values(configured(), {"execution.truth": truth})
     walker = plan_of(config).problem.robot
-    assert isinstance(walker, Walker)
     scene = WalkerScene(config, scene_gains(walker), 0.001)
     assert set(scene.believed.bodies) == {"torso", "left_shank"}
     believed = scene.model(scene.believed)
@@ -310,7 +310,7 @@ def test_the_camera_sees_the_whole_robot_all_the_way(plan, tmp_path, scale):
     assert np.abs(x / depth).max() < half * WIDTH / HEIGHT
 
 
-def scene_gains(walker: Walker) -> Gains:
+def scene_gains(walker: Robot) -> Gains:
     return gains_of(configured(), walker, np.zeros((1, walker.n)))
 
 

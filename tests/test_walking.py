@@ -16,14 +16,14 @@ from walkers import believing, walker_of
 
 from robustopt.certificate import certify
 from robustopt.cli import run
-from robustopt.config import Config, load_config, with_values
+from robustopt.config import Config
+from robustopt.config.load import load_config, with_values
 from robustopt.errors import ConfigError, PathError, RobotError
 from robustopt.learning.learner import Belief
 from robustopt.limits import TimeScalingProblem, build_problem
-from robustopt.limits.rows import evaluate
-from robustopt.limits.walking import StandingTorque
+from robustopt.limits.formulas import evaluate
+from robustopt.limits.torque import Sharing
 from robustopt.path.footsteps import footsteps
-from robustopt.path.walking_path import WalkingPath
 from robustopt.plotting import figures, house_style
 from robustopt.robot.model_file import MODELS
 from robustopt.runs.beliefs import Planner
@@ -55,14 +55,10 @@ def plan(problem: TimeScalingProblem) -> Plan:
     return solve(problem)
 
 
-def path_of(problem: TimeScalingProblem) -> WalkingPath:
-    assert isinstance(problem.path, WalkingPath)
-    return problem.path
-
-
-def torque_of(problem: TimeScalingProblem) -> StandingTorque:
-    assert isinstance(problem.limits.torque, StandingTorque)
-    return problem.limits.torque
+def sharing_of(problem: TimeScalingProblem) -> Sharing:
+    sharing = problem.limits.torque.sharing
+    assert sharing is not None
+    return sharing
 
 
 def duration(problem: TimeScalingProblem, values: dict[str, Any]) -> float:
@@ -75,7 +71,7 @@ def duration(problem: TimeScalingProblem, values: dict[str, Any]) -> float:
 
 
 def test_standing_feet_stay_and_the_centre_of_mass_follows_its_spline(problem: TimeScalingProblem) -> None:
-    walker, path = walker_of(problem), path_of(problem)
+    walker, path = walker_of(problem), problem.path
     s = np.linspace(0.0, 1.0, 173)
     q = path(s)
     found = walker.contact_points(q)
@@ -87,7 +83,7 @@ def test_standing_feet_stay_and_the_centre_of_mass_follows_its_spline(problem: T
                 found[name][during], np.broadcast_to(expected, found[name][during].shape), atol=1e-6
             )
     center = np.array([walker.contacts_and_com(qi)[0][:2] for qi in q])
-    np.testing.assert_allclose(center, path.footsteps.com(s), atol=1e-6)
+    np.testing.assert_allclose(center, footsteps(problem.config).com(s), atol=1e-6)
     np.testing.assert_array_equal(q[:, 3:6], 0.0)
 
 
@@ -101,7 +97,7 @@ def test_a_swinging_foot_is_lifted_and_at_rest_where_it_lifts_and_lands(problem:
 
 
 def test_every_switch_is_a_grid_point_at_which_both_stances_hold(problem: TimeScalingProblem) -> None:
-    contacts, switches = problem.limits.contacts, path_of(problem).switches
+    contacts, switches = problem.limits.contacts, problem.path.switches
     assert [family.last for family in contacts[:-1]] == [family.first for family in contacts[1:]]
     np.testing.assert_array_equal(problem.s[[family.first for family in contacts[1:]]], switches)
     assert not problem.rest[1:-1].any()
@@ -164,7 +160,7 @@ def test_dynamics_along_the_path_are_affine_parts_of_inverse_dynamics(problem: T
     force, inertia, jacobians = walker.inverse_dynamics(q, q1 * np.sqrt(x), q1 * u + q2 * x)
     np.testing.assert_allclose(parts.force_u * u + parts.force_x * x + parts.force_0, force, rtol=1e-8, atol=1e-8)
     np.testing.assert_allclose(parts.mass_matrix, inertia, rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(parts.jacobians["left_foot"], jacobians["left_foot"], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(parts.contact_jacobians["left_foot"], jacobians["left_foot"], rtol=1e-9, atol=1e-9)
 
 
 def test_standing_still_takes_the_weight(problem: TimeScalingProblem) -> None:
@@ -187,7 +183,7 @@ def test_rows_over_the_load_bound_every_value_of_the_parameters(problem: TimeSca
     """Random rows at random (u, x): at least as large as with the forces of a model of random bodies, and hardly more
     than the largest of them over the corners of one direction."""
     uncertain, walker = believing(problem, UNCERTAIN), walker_of(problem)
-    loads, rng = torque_of(uncertain).loads, np.random.default_rng(2)
+    loads, rng = sharing_of(uncertain).loads, np.random.default_rng(2)
     points = np.arange(0, 60, 12)
     u, x = rng.normal(size=len(points)), 0.1 * rng.random(len(points))
     q, q1, q2 = (problem.path(problem.s[points], order) for order in range(3))
@@ -220,7 +216,7 @@ def test_facets_of_every_stance_are_the_cone_of_its_forces(problem: TimeScalingP
     rng = np.random.default_rng(3)
     for family in uneven.limits.contacts[:3]:
         system = family.system
-        assert system.facets is not None
+        assert system.complete
         assert (system.facets @ system.generators).max() < 1e-8
         sides = set()
         for size in np.linspace(0.1, 3.0, 24):
@@ -286,10 +282,10 @@ def test_weak_joints_slow_a_plan_down_also_where_both_feet_share_the_load() -> N
     assert plans[0].duration > 1.1 * free
     assert plans[0].duration == pytest.approx(plans[1].duration, rel=1e-4)
     for found in plans:
-        rows = torque_of(found.problem)
-        assert rows.rows
+        sharing = sharing_of(found.problem)
+        assert sharing.rows
         u, x, points = interval_ends(found.problem, found.x, found.u)
-        assert SharingSearch(np.ones(N, dtype=bool)).missing_rows(rows, points, u, x)[0] == []
+        assert SharingSearch(np.ones(N, dtype=bool)).missing_rows(sharing, points, u, x)[0] == []
     margins = certify(weak.config, plans[0]).margins  # on the grid, which is too coarse for what is in between
     assert min(margin.on_grid for margin in margins.values()) > -1e-6
 
@@ -354,7 +350,7 @@ def test_standing_still_both_feet_share_the_weight_evenly(plan: Plan) -> None:
     for instant in (0, -1):
         for name in walker.contacts:
             np.testing.assert_allclose(forces.total(name)[instant], [0, 0, 0.5 * walker.mass * 9.81], atol=1e-5)
-        center = path_of(plan.problem).footsteps.com(forces.s[instant])
+        center = footsteps(plan.problem.config).com(forces.s[instant])
         np.testing.assert_allclose(forces.center_of_pressure()[instant], center, atol=1e-6)
 
 
@@ -367,7 +363,7 @@ def test_planned_forces_are_possible_and_make_the_motion(plan: Plan) -> None:
         size = np.hypot(pushes[..., 0], pushes[..., 1])
         assert (size <= 0.3 * pushes[..., 2] + 1e-9).all()
         assert (pushes[..., 2] >= 0.0).all()
-        in_air = [name not in stance.places for stance in path_of(plan.problem).stances]
+        in_air = [name not in stance.places for stance in plan.problem.path.stances]
         middle = 0.5 * (forces.s[1:-1:2] + forces.s[2:-1:2])
         flying = np.repeat(np.array(in_air)[np.minimum((5 * middle).astype(int), 4)], 2)
         assert np.all(forces.total(name)[1:-1][flying] == 0.0)
@@ -441,10 +437,9 @@ def test_too_little_friction_is_infeasible_in_words(tmp_path: Path, capsys: pyte
 # Configuration --------------------------------------------------------------------------------------------
 
 MISTAKES = [
-    ("tray={size: [0.3, 0.3, 0.01], mass: 1}", "tray", "found it together with path.steps"),
-    ("objects={box: {shape: box, size: [0.1, 0.1, 0.1], mass: 1}}", "objects", "found it together with path.steps"),
-    ("robot.locked={waist: 0}", "robot.locked", "found it together with path.steps"),
-    ("path.blend=0.1", "path.blend", "found it together with path.steps"),
+    ("objects={box: {shape: box, size: [0.1, 0.1, 0.1], mass: 1}}", "tray", "missing, but box stands on it"),
+    ("robot.locked={waist: 0}", "robot.locked", "not allowed with path.steps"),
+    ("path.blend=0.1", "path.blend", "not allowed with path.steps"),
     ("robot.base={position: [1, 0, 0]}", "robot.base", "begins where path.start says"),
     ("path.steps.0.foot=middle", "path.steps[0].foot", "expected one of left, right"),
     ("path.steps.1.foot=right", "path.steps[1].foot", "expected the feet in turn"),
@@ -458,7 +453,7 @@ MISTAKES = [
     ("solver.cost=effort", "solver.cost", "found effort with path.steps"),
     ("solver.collocation_points=20", "solver.collocation_points", "expected at least 40"),
     ("uncertainty.base_acceleration=[1, 2]", "uncertainty.base_acceleration", "expected one, or six"),
-    ("contact.friction={left_foot: 0.3}", "contact.friction", "no value for right_foot; expected one for each foot"),
+    ("contact.friction={left_foot: 0.3}", "contact.friction", "no value for right_foot; expected one for each contact"),
     ("contact.friction={left_foot: 0.3, hand: 1}", "contact.friction.hand", "expected one of left_foot, right_foot"),
     ("uncertainty.friction={left_foot: [0.4, 0.5]}", "uncertainty.friction.left_foot", "does not contain"),
     ("uncertainty.contact_points={hand: 0.1}", "uncertainty.contact_points.hand", "nothing is called hand"),
@@ -502,6 +497,7 @@ def test_steps_that_are_wrong_are_not_taken_for_a_task_with_a_tray(steps: str, k
         ("uncertainty.contact_points=0.06", ConfigError, "uncertainty.contact_points", "leaves nothing of left_foot"),
         ("robot.limits={left_knee: {dry_friction: 1}}", RobotError, "robot.joint_friction", "joint_friction: false"),
         ("robot.model=tx90l", RobotError, "robot.model", "tx90l.xml has no free joint"),
+        ("tray={size: [0.3, 0.3, 0.01], mass: 1}", RobotError, "robot.tool", "has no site or body 'flange'"),
     ],
 )
 def test_what_only_the_model_shows_is_an_error_of_its_key(override: str, kind: Any, key: str, words: str) -> None:

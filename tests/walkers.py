@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from robustopt.config import with_values
+from robustopt.config.load import with_values
 from robustopt.limits import TimeScalingProblem, build_rows
-from robustopt.robot.walker import Walker
+from robustopt.robot import Robot
 
 
-def walker_of(problem: TimeScalingProblem) -> Walker:
-    assert isinstance(problem.robot, Walker)
+def walker_of(problem: TimeScalingProblem) -> Robot:
     return problem.robot
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from robustopt.certificate.contact_points import Array, Flags, Indices
-from robustopt.robot import JointLimits, Robot
+from robustopt.robot import JointLimits
 
 if TYPE_CHECKING:
     from robustopt.solvers import Plan
@@ -117,14 +117,15 @@ class Motion:
 def motion(plan: Plan, at: Instants) -> Motion:
     """The motion of a plan at some instants."""
     robot, path = plan.problem.robot, plan.problem.path
-    assert isinstance(robot, Robot), "a robot on its feet is looked at by `walking`"
     q, q1, q2 = (path.evaluate(at.node_s, at.node_piece, order) for order in range(3))
     arm = robot.dynamics(q, q1, q2)
+    carrier = arm.carrier
+    assert carrier is not None
     u, x, sd = at.u, at.x, np.sqrt(at.x)
-    along, curving = _product(arm.jacobian, q1), _product(arm.jacobian, q2) + arm.bias
+    along, curving = _product(carrier.jacobian, q1), _product(carrier.jacobian, q2) + carrier.bias
     tray = u * _last(along[at.node]) + x * _last(curving[at.node])
     q, q1, q2 = (_last(values[at.node]) for values in (q, q1, q2))
-    torque = u * _last(arm.tau_u[at.node]) + x * _last(arm.tau_x[at.node]) + _last(arm.tau_0[at.node])
+    torque = u * _last(arm.force_u[at.node]) + x * _last(arm.force_x[at.node]) + _last(arm.force_0[at.node])
     limits = robot.limits
     dry = limits.dry_friction[:, None] * at.free
     torque += limits.viscous_friction[:, None] * q1 * sd + dry * np.sign(q1)
@@ -132,8 +133,8 @@ def motion(plan: Plan, at: Instants) -> Motion:
         linear=tray[:3],
         angular=tray[3:],
         spin=sd * _last(along[at.node, 3:]),
-        gravity=_last(arm.gravity[at.node]),
-        jacobian=_last(arm.jacobian[at.node]),
+        gravity=_last(carrier.gravity[at.node]),
+        jacobian=_last(carrier.jacobian[at.node]),
         mass_matrix=_last(arm.mass_matrix[at.node]),
         free=at.free,
         position=q,

@@ -15,7 +15,8 @@ import numpy as np
 
 from robustopt.certificate.contact_points import Array, Contacts, Face, Indices
 from robustopt.config import Config, ObjectConfig, TrayConfig
-from robustopt.config.geometry import Placement, clip, footprint, placements, rectangle, standing_order, supports
+from robustopt.geometry import clip, rectangle
+from robustopt.scene.placement import CARRIER, TRAY, Placement, footprint, placements, standing_order, supports
 
 RIM_POINTS = 16
 """A round face is the inscribed regular polygon of the smallest multiple of `contact.patch_points` with at least this
@@ -177,7 +178,9 @@ class Scene:
 def build_scene(config: Config, joints: tuple[str, ...]) -> Scene:
     """The scene of a configuration for a robot with the named joints."""
     placed = placements(config)
-    bodies = [_body("tray", config.carried_tray, Placement(np.zeros(3), 0.0, 0.5 * config.carried_tray.size[2]))]
+    bodies = [
+        _body("tray", config.carried_tray, Placement(np.zeros(3), np.eye(3), 0.0, TRAY, CARRIER, np.zeros(3), 0.0))
+    ]
     bodies += [_body(name, config.objects[name], placed[name]) for name in placed]
     interfaces, points, turns = _interfaces(config, placed)
     nominal, lower, upper = _intervals(config, bodies, interfaces, points.shape[1], len(joints))

@@ -13,10 +13,10 @@ from robustopt.certificate.motion import Instants
 from robustopt.certificate.tally import Found, Tally
 from robustopt.config import BASE_COORDINATES as BASE
 from robustopt.config import Config
-from robustopt.config.geometry import common_direction, contact_axes
+from robustopt.geometry import common_direction, contact_axes
+from robustopt.path import Path
 from robustopt.path.footsteps import Place, Stance
-from robustopt.path.walking_path import WalkingPath
-from robustopt.robot.walker import Walker
+from robustopt.robot import Robot
 
 if TYPE_CHECKING:
     from robustopt.solvers import Plan
@@ -44,8 +44,8 @@ class Walk:
     """
 
     config: Config
-    walker: Walker
-    path: WalkingPath
+    walker: Robot
+    path: Path
     q: Array
     qd: Array
     qdd: Array
@@ -62,8 +62,6 @@ class Walk:
 def walk_of(config: Config, plan: Plan, at: Instants) -> Walk:
     """Motion of a plan at some instants; at a switch, they belong to the one of its two stances with fewer contacts."""
     walker, path = plan.problem.robot, plan.problem.path
-    assert isinstance(walker, Walker)
-    assert isinstance(path, WalkingPath)
     q, q1, q2 = (path.evaluate(at.node_s, at.node_piece, order)[at.node] for order in range(3))
     sd, u, x = np.sqrt(at.x)[:, None], at.u[:, None], at.x[:, None]
     borders = np.array([stance.begin for stance in path.stances[1:]])
@@ -75,7 +73,7 @@ def walk_of(config: Config, plan: Plan, at: Instants) -> Walk:
     return Walk(config, walker, path, q, q1 * sd, q1 * u + q2 * x, at.free, stance, lower, upper)
 
 
-def _ends(config: Config, walker: Walker) -> tuple[Values, Values]:
+def _ends(config: Config, walker: Robot) -> tuple[Values, Values]:
     """Lowest and highest of all values, read from the configuration."""
     belief, interval = config.contact.friction, config.uncertainty.friction
     friction = {name: _pair(_of(interval, name), _of(belief, name)) for name in walker.contacts}

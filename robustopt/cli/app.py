@@ -268,7 +268,7 @@ def _task(arguments: Sequence[str]) -> tuple[Path | None, list[str]]:
 @contextmanager
 def _task_of(path: Path, overrides: Sequence[str]) -> Iterator[Config]:
     """The configuration in a file; mistakes that only show in this block get the places of their keys in the file."""
-    from robustopt.config import load_config, located
+    from robustopt.config.load import load_config, located
 
     config = load_config(path, overrides)
     try:

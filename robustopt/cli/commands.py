@@ -229,7 +229,7 @@ def _run_learner(config: Config, folder: Path, options: LearningOptions) -> dict
 
 def print_dry_run(config: Config, json: bool, quiet: bool) -> int:
     """Print the resolved configuration and the size of its problem."""
-    from robustopt.config import dump, resolved
+    from robustopt.config.load import dump, resolved
     from robustopt.limits import build_problem
     from robustopt.runs.experiment import problem_size
 

@@ -1,4 +1,4 @@
-"""The configuration: models of its sections, reading, checking, and writing."""
+"""The configuration: models of its sections; `load` reads, checks and writes it."""
 
 from robustopt.config.execution_model import (
     DisturbanceConfig,
@@ -8,21 +8,15 @@ from robustopt.config.execution_model import (
     VariationConfig,
 )
 from robustopt.config.learning_model import FirstBelief, LearningConfig
-from robustopt.config.load import dump, load_config, located, resolved, with_values
 from robustopt.config.model import (
     BASE_COORDINATES,
     FEET,
     HANDS,
     Config,
-    ObjectConfig,
-    PathConfig,
-    PathTolerance,
-    RailConfig,
-    StanceConfig,
-    TrayConfig,
-    TrayPose,
     UncertaintyConfig,
 )
+from robustopt.config.object_model import GripConfig, ObjectConfig, SuctionConfig, TrayConfig
+from robustopt.config.path_model import FramePose, PathConfig, PathTolerance, RailConfig, StanceConfig
 from robustopt.config.section import AccelerationError, Pose
 
 __all__ = [
@@ -35,6 +29,8 @@ __all__ = [
     "ExecutionConfig",
     "FailureConfig",
     "FirstBelief",
+    "FramePose",
+    "GripConfig",
     "LearningConfig",
     "ObjectConfig",
     "PathConfig",
@@ -42,14 +38,9 @@ __all__ = [
     "Pose",
     "RailConfig",
     "StanceConfig",
+    "SuctionConfig",
     "TrayConfig",
-    "TrayPose",
     "TruthConfig",
     "UncertaintyConfig",
     "VariationConfig",
-    "dump",
-    "load_config",
-    "located",
-    "resolved",
-    "with_values",
 ]

@@ -11,10 +11,15 @@ from typing import Any
 import numpy as np
 
 from robustopt.config.document import Key, show_key
-from robustopt.config.geometry import RESOLUTION, supports
-from robustopt.config.model import HANDS, Config, ObjectConfig, TrayConfig, TrayPose
+from robustopt.config.held_check import check_all_held
+from robustopt.config.model import Config
+from robustopt.config.object_model import ObjectConfig, TrayConfig
+from robustopt.config.path_model import FramePose
+from robustopt.config.per_name import value_of
 from robustopt.config.scene_check import check_scene, same_scene
 from robustopt.config.step_check import check_steps
+from robustopt.geometry import RESOLUTION
+from robustopt.scene.placement import TRAY, supports
 
 Finding = tuple[Key, str]
 """Key of a mistake, and what was found and what would be right."""
@@ -40,12 +45,26 @@ def check(config: Config, names: Collection[str] | None = None, like: Config | N
         yield from _inertia(("tray", "inertia"), config.tray)
     yield from _intervals(config)
     yield from _references(config, names)
-    standing = list(_standing(config, names))
+    held = list(check_all_held(config)) if not any(_shapes(config)) else []
+    yield from held
+    standing = [*_standing(config, names), *_without_tray(config)]
     yield from standing
-    whole = config.tray is not None and set(names) == set(config.objects)
+    whole = set(names) == set(config.objects) and not held and not standing
     known = like is not None and same_scene(config, like)
-    if not standing and whole and not known and not any(_shapes(config)):
+    if whole and not known and not any(_shapes(config)):
         yield from check_scene(config)
+
+
+def _without_tray(config: Config) -> Iterator[Finding]:
+    """Yield a missing tray that an object or a path needs, and tool poses beside a tray."""
+    needed = [name for name, body in config.objects.items() if TRAY in supports(body)]
+    fields = ", ".join(TrayConfig.model_fields)
+    if config.tray is None and (needed or config.path.tray_poses is not None):
+        reason = f"{needed[0]} stands on it" if needed else "path.tray_poses says where it goes"
+        remedy = "held_by for an object that the tool holds" if needed else "path.tool_poses"
+        yield ("tray",), f"missing, but {reason}; expected a section with the keys {fields}, or {remedy}"
+    if config.tray is not None and config.path.tool_poses is not None:
+        yield ("path", "tool_poses"), "not allowed with a tray; expected tray_poses, the poses of the tray's centre"
 
 
 def _shapes(config: Config) -> Iterator[Finding]:
@@ -61,7 +80,7 @@ def _names(config: Config, names: Collection[str]) -> Iterator[Finding]:
         message = f"found {config.name!r}; expected letters, digits, `.`, `_` and `-`, because it names a folder"
         yield ("name",), message
     for name in names:
-        if name in ("tray", "default"):
+        if name in (TRAY, "default"):
             yield ("objects", name), f"an object cannot be called {name}, which has a meaning of its own"
         elif not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_-]*", name):
             yield ("objects", name), f"found {name!r}; expected a name of letters, digits, `_` and `-`"
@@ -74,45 +93,66 @@ def _unknown(name: str, valid: Collection[str]) -> str:
 
 
 def _references(config: Config, names: Collection[str]) -> Iterator[Finding]:
-    interfaces, bodies = (*names, "default"), ("tray", *names)
-    if config.walks:  # bodies are those of the robot's model, which is not read yet
-        hands = [name for name in HANDS if name in names]
-        names, interfaces = (*config.interfaces, *hands), (*config.interfaces, *hands, "default")
-    uncertain, execution = config.uncertainty, config.execution
-    per_name: list[tuple[Key, Any, Collection[str]]] = [
-        (("contact", "friction"), config.contact.friction, interfaces),
-        (("uncertainty", "friction"), uncertain.friction, interfaces),
-        (("uncertainty", "contact_points"), uncertain.contact_points, interfaces),
-        (("uncertainty", "mass"), uncertain.mass, bodies),
-        (("uncertainty", "center_of_mass"), uncertain.center_of_mass, bodies),
+    yield from _per_interface(config, names)
+    if config.path.steps is None:  # else bodies may be those of the robot, whose model is not read yet
+        yield from _per_body(config, (TRAY, *names))
+
+
+def _per_interface(config: Config, names: Collection[str]) -> Iterator[Finding]:
+    """Yield unknown names of contacts, and contacts without friction."""
+    contacts = dict.fromkeys([*config.interfaces, *config.interfaces.values(), *names])
+    truth: Key = ("execution", "truth")
+    given: list[tuple[Key, Any]] = [
+        (("contact", "friction"), config.contact.friction),
+        (("uncertainty", "friction"), config.uncertainty.friction),
+        (("uncertainty", "contact_points"), config.uncertainty.contact_points),
     ]
-    if execution is not None:
-        truth: Key = ("execution", "truth")
-        true, varied = execution.truth, execution.truth.variation
-        per_name += [
-            ((*truth, "friction"), true.friction, interfaces),
-            ((*truth, "mass"), true.mass, bodies),
-            ((*truth, "center_of_mass"), true.center_of_mass, bodies),
-            ((*truth, "inertia"), true.inertia, bodies),
-            ((*truth, "contact_inset"), true.contact_inset, names),
-            ((*truth, "variation", "friction"), varied.friction, interfaces),
-            ((*truth, "variation", "mass"), varied.mass, bodies),
-            ((*truth, "variation", "center_of_mass"), varied.center_of_mass, bodies),
-            (("execution", "disturbance", "on"), {execution.disturbance.on or "tray": None}, bodies),
+    if config.execution is not None:
+        actual = config.execution.truth
+        given += [
+            ((*truth, "friction"), actual.friction),
+            ((*truth, "variation", "friction"), actual.variation.friction),
         ]
-    if config.walks:
-        per_name = [item for item in per_name if item[2] is not bodies]
-    for key, values, valid in per_name:
-        if not isinstance(values, Mapping):
-            continue
+        yield from _unknown_names((*truth, "contact_inset"), actual.contact_inset, tuple(contacts))
+    for key, values in given:
+        yield from _unknown_names(key, values, (*contacts, "default"))
+    friction = config.contact.friction
+    if isinstance(friction, Mapping) and "default" not in friction:
+        known = {**dict.fromkeys(names, ""), **config.interfaces}
+        objects = set(config.interfaces.values()) - set(config.interfaces)
+        missing = [name for name, owner in known.items() if name not in friction and owner not in friction]
+        if missing := [name for name in missing if name not in objects]:
+            kind = "object" if config.path.steps is None else "contact"
+            yield (
+                ("contact", "friction"),
+                f"no value for {', '.join(missing)}; expected one for each {kind}, or `default`",
+            )
+
+
+def _per_body(config: Config, bodies: Collection[str]) -> Iterator[Finding]:
+    """Yield unknown names of bodies."""
+    uncertain = config.uncertainty
+    given: list[tuple[Key, Any]] = [
+        (("uncertainty", "mass"), uncertain.mass),
+        (("uncertainty", "center_of_mass"), uncertain.center_of_mass),
+    ]
+    execution = config.execution
+    if execution is not None:
+        for section, actual in (((), execution.truth), (("variation",), execution.truth.variation)):
+            for kind in ("mass", "center_of_mass", "inertia"):
+                given.append((("execution", "truth", *section, kind), getattr(actual, kind, {})))
+        on = execution.disturbance.on
+        if on is not None and on not in bodies:
+            yield ("execution", "disturbance", "on"), _unknown(on, bodies)
+    for key, values in given:
+        yield from _unknown_names(key, values, bodies)
+
+
+def _unknown_names(key: Key, values: Any, valid: Collection[str]) -> Iterator[Finding]:
+    if isinstance(values, Mapping):
         for name in values:
             if name not in valid:
-                yield (key if key[-1] == "on" else (*key, name)), _unknown(name, valid)
-        if key == ("contact", "friction") and "default" not in values:
-            missing = [name for name in (config.interfaces if config.walks else names) if name not in values]
-            if missing:
-                each = "object" if not config.walks else "foot" if config.path.rail is None else "foot and hand"
-                yield key, f"no value for {', '.join(missing)}; expected one for each {each}, or `default`"
+                yield (*key, name), _unknown(name, valid)
 
 
 # Path and solver ------------------------------------------------------------------------------------------
@@ -120,16 +160,17 @@ def _references(config: Config, names: Collection[str]) -> Iterator[Finding]:
 
 def _path(config: Config) -> Iterator[Finding]:
     path = config.path
-    given = [name for name in ("tray_poses", "joints", "steps") if getattr(path, name) is not None]
+    kinds = ("tray_poses", "tool_poses", "joints", "steps")
+    given = [name for name in kinds if getattr(path, name) is not None]
     if len(given) != 1:
         found = f"{'both' if len(given) == 2 else 'all'} of {' and '.join(given)}" if given else "none of them"
-        yield ("path",), f"found {found}; expected exactly one of tray_poses, joints and steps"
+        yield ("path",), f"found {found}; expected exactly one of {', '.join(kinds[:-1])} and {kinds[-1]}"
         return
-    if path.tray_poses is not None:
-        key: Key = ("path", "tray_poses")
-        for i, pose in enumerate(path.tray_poses):
+    if path.poses is not None:
+        key: Key = ("path", path.poses_key)
+        for i, pose in enumerate(path.poses):
             yield from _orientation((*key, i), pose)
-        yield from _waypoints(key, [_pose_numbers(pose) for pose in path.tray_poses])
+        yield from _waypoints(key, [_pose_numbers(pose) for pose in path.poses])
     elif not isinstance(path.joints, str) and path.joints is not None:
         yield from _waypoints(("path", "joints"), path.joints)
 
@@ -145,7 +186,7 @@ def _waypoints(key: Key, waypoints: Sequence[Sequence[float]]) -> Iterator[Findi
             yield (*key, i + 1), f"the same waypoint as {name}[{i}] before it; expected it once"
 
 
-def _orientation(key: Key, pose: TrayPose) -> Iterator[Finding]:
+def _orientation(key: Key, pose: FramePose) -> Iterator[Finding]:
     given = [name for name in ("rpy", "yaw", "quaternion") if getattr(pose, name) is not None]
     if len(given) > 1:
         yield key, f"found {' and '.join(given)}; expected at most one of rpy, yaw and quaternion"
@@ -154,7 +195,7 @@ def _orientation(key: Key, pose: TrayPose) -> Iterator[Finding]:
         yield (*key, "quaternion"), message
 
 
-def _pose_numbers(pose: TrayPose) -> tuple[float, ...]:
+def _pose_numbers(pose: FramePose) -> tuple[float, ...]:
     rpy = pose.rpy or (0.0, 0.0, pose.yaw or 0.0)
     return (*pose.position, *rpy, *(pose.quaternion or (1.0, 0.0, 0.0, 0.0)))
 
@@ -197,17 +238,17 @@ def _standing(config: Config, names: Collection[str]) -> Iterator[Finding]:
     on = {name: supports(body) for name, body in config.objects.items()}
     for name, below in on.items():
         for support in below:
-            if support != "tray" and support not in names:
-                yield ("objects", name, "on"), _unknown(support, ("tray", *names))
+            if support != TRAY and support not in names:
+                yield ("objects", name, "on"), _unknown(support, (TRAY, *names))
         if len(set(below)) < len(below):
             yield ("objects", name, "on"), f"found {below[0]} twice; expected two different supports, or one name"
-    grounded = {"tray", *(name for name in names if name not in on)}
+    grounded = {TRAY, *(name for name in names if name not in on)}
     while more := {name for name, below in on.items() if name not in grounded and grounded.issuperset(below)}:
         grounded |= more
     circle = _circle({name: below for name, below in on.items() if name not in grounded})
     if circle:
         chain = ", which stands on ".join([*circle[1:], circle[0]])
-        message = f"{circle[0]} stands on {chain}; expected a chain that ends on the tray"
+        message = f"{circle[0]} stands on {chain}; expected a chain that ends on the tray or on a held object"
         yield ("objects", circle[0], "on"), message
 
 
@@ -250,12 +291,10 @@ def _friction(config: Config) -> Iterator[Finding]:
     by_name = intervals if isinstance(intervals, Mapping) else {"": intervals}
     for name, interval in by_name.items():
         yield from _interval((*base, name) if name else base, interval)
-    for name in config.interfaces:
-        used = name if name in by_name else "default" if "default" in by_name else ""
-        if used not in by_name:
-            continue
-        value = values if not isinstance(values, Mapping) else values.get(name, values.get("default"))
-        if value is not None:
+    for contact, owner in config.interfaces.items():
+        used = next((name for name in (contact, owner, "default", "") if name in by_name), None)
+        value = value_of(values, (contact, owner), None)
+        if used is not None and value is not None:
             yield from _inside((*base, used) if used else base, by_name[used], value, "contact.friction")
 
 

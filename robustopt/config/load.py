@@ -10,9 +10,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from robustopt.config.document import Document, read_yaml, split_key, write_yaml
-from robustopt.config.model import (
-    Config,
-)
+from robustopt.config.model import Config
 from robustopt.config.validate import validate, with_sections
 from robustopt.errors import ConfigError
 from robustopt.models import MODELS

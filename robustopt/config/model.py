@@ -13,25 +13,20 @@ from pydantic import BeforeValidator, Field
 
 from robustopt.config.execution_model import ExecutionConfig
 from robustopt.config.learning_model import LearningConfig
+from robustopt.config.object_model import ContactConfig, ObjectConfig, TrayConfig, contact_names, pad_names
+from robustopt.config.path_model import PathConfig
 from robustopt.config.section import (
     Acceleration3,
     AccelerationError,
     Distance,
     Friction,
     Interval,
-    Length,
     Mass,
     NonNegative,
-    Point2,
-    Point3,
     Pose,
     Positive,
     Real,
     Section,
-    Size,
-    Vector3,
-    Vector4,
-    Vector6,
 )
 
 FEET = ("left_foot", "right_foot")
@@ -67,7 +62,22 @@ class RobotConfig(Section):
         description="name of a shipped robot (tx90l, humanoid), or an MJCF or URDF file relative to the "
         "configuration file"
     )
-    tool: str = Field(default="flange", description="site or body of the model that carries the tray")
+    tool: str | tuple[str, ...] = Field(
+        default="flange",
+        description="site or body of the model that carries the tray or holds the parts; several hands of a walking "
+        "robot hold the tray together, in a frame with the axes of the first and its origin in the middle of all",
+    )
+    posture: dict[str, Real] = Field(
+        default={},
+        description="positions of joints of a walking robot that its path leaves alone, in place of those of the "
+        "model's first keyframe [rad or m]",
+    )
+
+    @property
+    def tools(self) -> tuple[str, ...]:
+        """Return the names of the tool or tools."""
+        return (self.tool,) if isinstance(self.tool, str) else self.tool
+
     base: Pose = Field(default=Pose(), description="pose of the robot's base in the world")
     limits: dict[str, JointLimitOverride] = Field(
         default={},
@@ -78,149 +88,6 @@ class RobotConfig(Section):
     )
     joint_friction: bool = Field(default=True, description="count dry and viscous joint friction in the torque limits")
     collision: Collision = Field(default=Collision(), description="collision check along the path")
-
-
-class TrayConfig(Section):
-    size: Size = Field(description="edge lengths of the tray, a box [m]")
-    mass: Mass = Field(description="mass of the tray [kg]")
-    pose: Pose = Field(default=Pose(), description="pose of the tray's centre in the tool frame")
-    center_of_mass: Point3 = Field(
-        default=(0.0, 0.0, 0.0),
-        description="centre of mass in the tray frame, whose origin is the tray's centre [m]",
-    )
-    inertia: Vector3 | Vector6 | None = Field(
-        default=None,
-        description="inertia about the centre of mass, tray axes: ixx, iyy, izz, or ixx, iyy, izz, ixy, ixz, iyz; "
-        "without it that of a uniform box [kg m^2]",
-    )
-
-
-class ObjectConfig(Section):
-    shape: Literal["box", "cylinder"] = Field(description="shape; a cylinder stands upright")
-    size: Size | None = Field(default=None, description="edge lengths of a box [m]")
-    radius: Length | None = Field(default=None, description="radius of a cylinder [m]")
-    height: Length | None = Field(default=None, description="height of a cylinder [m]")
-    mass: Mass = Field(description="mass [kg]")
-    on: str | tuple[str, str] = Field(
-        default="tray", description="what the object stands on: `tray`, another object, or two of them (a bridge)"
-    )
-    at: Point2 = Field(
-        default=(0.0, 0.0),
-        description="centre of the object's base in the frame of its support; for a bridge in the tray frame [m]",
-    )
-    yaw: Real = Field(
-        default=0.0, description="turn about the vertical against its support; for a bridge against the tray [rad]"
-    )
-    center_of_mass: Point3 = Field(
-        default=(0.0, 0.0, 0.0),
-        description="centre of mass in the object's frame, whose origin is its geometric centre [m]",
-    )
-    inertia: Vector3 | Vector6 | None = Field(
-        default=None,
-        description="inertia about the centre of mass, object axes: ixx, iyy, izz, or ixx, iyy, izz, ixy, ixz, iyz; "
-        "without it that of a uniform body of the shape [kg m^2]",
-    )
-
-
-class ContactConfig(Section):
-    friction: Friction | dict[str, Friction] = Field(
-        default=0.5,
-        description="coefficient of friction the planner believes: one value, or one per object for the interface "
-        "under it, per foot and hand of a robot on its feet (`default` for the rest); where it is not given and "
-        "uncertainty.friction is, the middle of that",
-    )
-    cone_edges: int = Field(
-        default=16, ge=3, le=64, description="edges of the inner approximation of each friction cone"
-    )
-    patch_points: int = Field(default=8, ge=3, le=32, description="contact points that stand for a round contact patch")
-
-
-class TrayPose(Section):
-    position: Point3 = Field(description="position of the tray's centre in the world [m]")
-    rpy: Vector3 | None = Field(default=None, description="roll, pitch, yaw about the fixed x, y, z axes [rad]")
-    yaw: Real | None = Field(default=None, description="turn about the vertical, for a level tray [rad]")
-    quaternion: Vector4 | None = Field(default=None, description="orientation w, x, y, z, of any length but 0")
-
-
-class PathTolerance(Section):
-    position: Positive = Field(
-        default=0.0002, description="largest distance between the joint path and the tray path [m]"
-    )
-    angle: Positive = Field(default=0.001, description="largest angle between the joint path and the tray path [rad]")
-
-
-class StepConfig(Section):
-    foot: Literal["left", "right"] = Field(description="the foot that steps")
-    to: Point2 = Field(description="where the middle of its sole lands on the floor, x and y in the world [m]")
-
-
-class StanceConfig(Section):
-    left: Point2 = Field(description="middle of the left sole on the floor, x and y in the world [m]")
-    right: Point2 = Field(description="middle of the right sole on the floor, x and y in the world [m]")
-
-
-class RailConfig(Section):
-    hand: Literal["left", "right"] = Field(description="the hand that rests on the rail")
-    at: Point3 = Field(description="where the middle of its palm rests on the rail, in the world [m]")
-    size: tuple[Length, Length] = Field(
-        description="edge lengths of the part of the palm that touches the rail, along the rail and across it [m]"
-    )
-    length: Length = Field(
-        default=0.3,
-        description="length of the rail, a bar with its middle at that place; the robot must not run into it [m]",
-    )
-    normal: Vector3 = Field(
-        default=(0.0, 0.0, 1.0), description="direction out of the rail at that place, of any length but 0"
-    )
-    along: Vector3 = Field(
-        default=(1.0, 0.0, 0.0),
-        description="direction of the rail, and of the fingers: what of it is at a right angle to the normal",
-    )
-
-    @property
-    def contact(self) -> str:
-        """Name of the contact, which is that of the hand's site in the model."""
-        return f"{self.hand}_hand"
-
-
-class PathConfig(Section):
-    tray_poses: tuple[TrayPose, ...] | None = Field(
-        default=None, description="poses of the tray, joined by straight segments"
-    )
-    joints: tuple[tuple[Real, ...], ...] | str | None = Field(
-        default=None,
-        description="joint waypoints, or a CSV file of them relative to the configuration file; "
-        "joined by a C2 cubic spline [rad or m]",
-    )
-    blend: NonNegative = Field(
-        default=0.0, description="length on each side of a corner of tray_poses that is rounded; 0 stops there [m]"
-    )
-    tolerance: PathTolerance = Field(
-        default=PathTolerance(),
-        description="accuracy of the inverse kinematics between the samples of the tray path",
-    )
-    steps: tuple[StepConfig, ...] | None = Field(
-        default=None, description="steps of a robot on its feet, one foot after the other, soles level along x"
-    )
-    start: tuple[Real, ...] | StanceConfig | None = Field(
-        default=None,
-        description="joint position near which the inverse kinematics starts, without it the best of many [rad or m]; "
-        "with steps where the feet stand before the first one [m]",
-    )
-    lift: Length = Field(default=0.05, description="with steps: how high the foot is lifted [m]")
-    inset: Distance = Field(
-        default=0.012,
-        description="with steps: how far inside the middle of the standing foot, towards the other one, the centre of "
-        "mass passes [m]",
-    )
-    pelvis_height: Length | None = Field(
-        default=None,
-        description="with steps: height of the pelvis over the soles; without it that of the model's first keyframe "
-        "[m]",
-    )
-    rail: RailConfig | None = Field(
-        default=None, description="with steps: a rail on which a hand rests in one place all the way"
-    )
 
 
 class UncertaintyConfig(Section):
@@ -284,13 +151,13 @@ class Config(Section):
     name: str = Field(description="name of the task; the results folder takes it")
     robot: RobotConfig = Field(description="the robot")
     tray: TrayConfig | None = Field(
-        default=None, description="the tray that the robot carries; required, but for a robot that steps"
+        default=None, description="the tray that the tool carries; required if an object stands on it"
     )
     objects: Annotated[dict[str, ObjectConfig], BeforeValidator(_empty_mapping)] = Field(
-        default={}, description="the objects on the tray, by name"
+        default={}, description="the objects that stand on the tray or are held by the tool, by name"
     )
-    contact: ContactConfig = Field(default=ContactConfig(), description="contacts between tray and objects")
-    path: PathConfig = Field(description="the path: exactly one of tray_poses, joints and steps")
+    contact: ContactConfig = Field(default=ContactConfig(), description="friction, and how contacts are approximated")
+    path: PathConfig = Field(description="the path: exactly one of tray_poses, tool_poses, joints and steps")
     uncertainty: UncertaintyConfig = Field(
         default=UncertaintyConfig(),
         description="intervals that the plan must survive; one replaces the point value, which must lie in it",
@@ -308,19 +175,30 @@ class Config(Section):
     )
 
     @property
+    def environment_contacts(self) -> tuple[str, ...]:
+        """Return the names of the robot's contacts with its environment: its feet, and a hand on a rail."""
+        if self.path.steps is None:
+            return ()
+        return FEET if self.path.rail is None else (*FEET, self.path.rail.contact)
+
+    @property
+    def interfaces(self) -> dict[str, str]:
+        """Return the object of each contact by the contact's name; of an environment contact, its own name.
+
+        Friction and contact points may be given by either name.
+        """
+        own = {name: name for name in self.environment_contacts}
+        if self.tray is not None and self.tray.hands is not None:
+            own |= {pad: "tray" for tool in self.robot.tools for pad in pad_names(tool)}
+        return own | {contact: name for name, body in self.objects.items() for contact in contact_names(name, body)}
+
+    @property
     def walks(self) -> bool:
-        """Whether the robot stands on its feet rather than carrying a tray."""
+        """Return whether the path has steps."""
         return self.path.steps is not None
 
     @property
     def carried_tray(self) -> TrayConfig:
-        """The tray of a robot that carries one."""
-        assert self.tray is not None, "a robot on its feet carries no tray"
+        """Return the tray of a robot that carries one."""
+        assert self.tray is not None
         return self.tray
-
-    @property
-    def interfaces(self) -> tuple[str, ...]:
-        """Names of the contacts whose friction and contact points the planner has beliefs about."""
-        if not self.walks:
-            return tuple(self.objects)
-        return FEET if self.path.rail is None else (*FEET, self.path.rail.contact)

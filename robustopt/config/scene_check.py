@@ -1,4 +1,4 @@
-"""Whether the objects of a configuration can stand where they are put, on a level tray."""
+"""Checks of where the objects stand, on a level tray or on an object that the tool holds."""
 
 from __future__ import annotations
 
@@ -7,21 +7,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from robustopt.config.document import Key
-from robustopt.config.geometry import (
-    Patch,
-    Placement,
-    area,
-    base_outline,
-    contains,
-    eroded,
-    overlaps,
-    patches,
-    placements,
-    rotation,
-    solids,
-    supports,
-)
 from robustopt.config.model import Config
+from robustopt.config.per_name import value_of
+from robustopt.geometry import area, contains, rotation
+from robustopt.scene.patches import Law, Patch, base_outline, eroded, overlaps, patches
+from robustopt.scene.placement import TRAY, Placement, half_height, placements, solids, supports
 
 Finding = tuple[Key, str]
 
@@ -39,10 +29,11 @@ def check_scene(config: Config) -> Iterator[Finding]:
     if uneven:
         return
     placed, contacts = placements(config), patches(config)
-    off = list(_off_support(config, placed, contacts))
+    standing = tuple(patch for patch in contacts if patch.law is Law.FRICTION)
+    off = list(_off_support(config, placed, standing))
     yield from off
     if not off:
-        yield from _tipping(config, placed, contacts)
+        yield from _tipping(config, placed, standing)
         yield from _contact_points(config, contacts)
     yield from _penetration(config)
 
@@ -58,11 +49,17 @@ def same_scene(config: Config, other: Config) -> bool:
 
 def _uneven_bridges(config: Config) -> Iterator[Finding]:
     placed = placements(config)
-    tops = {name: float(place.position[2] + place.half_height) for name, place in placed.items()}
-    tops["tray"] = 0.5 * config.carried_tray.size[2]
+    tops = {name: float(place.planar[2] + place.half_height) for name, place in placed.items()}
+    roots = {name: place.root for name, place in placed.items()} | {TRAY: TRAY}
+    if config.tray is not None:
+        tops[TRAY] = half_height(config.tray)
     for name, body in config.objects.items():
+        if len({roots[support] for support in supports(body)}) > 1:
+            message = "one of its supports stands on the tray, the other on a held object; expected both on one of them"
+            yield ("objects", name, "on"), message
+            continue
         heights = [tops[support] for support in supports(body)]
-        if max(heights) - min(heights) > LEVEL:
+        if heights and max(heights) - min(heights) > LEVEL:
             found = " and ".join(f"{h:g} m for {s}" for s, h in zip(supports(body), heights, strict=True))
             message = f"the tops of its supports are at {found}; expected two supports of the same height"
             yield ("objects", name, "on"), message
@@ -72,13 +69,13 @@ def _off_support(config: Config, placed: dict[str, Placement], contacts: tuple[P
     for patch in contacts:
         if area(patch.polygon) > 0:
             continue
-        if patch.support == "tray":
-            x, y = 0.5 * config.carried_tray.size[0], 0.5 * config.carried_tray.size[1]
+        if config.tray is not None and patch.support == TRAY:
+            x, y = 0.5 * config.tray.size[0], 0.5 * config.tray.size[1]
             face = f"the tray, which reaches from {-x:g} to {x:g} m in x and from {-y:g} to {y:g} m in y"
         else:
-            x, y = placed[patch.support].position[:2]
+            x, y = placed[patch.support].planar[:2]
             face = f"the upper face of {patch.support}, whose centre is at [{x:.4g}, {y:.4g}] m on the tray"
-        x, y = placed[patch.object].position[:2]
+        x, y = placed[patch.object].planar[:2]
         message = f"its base, with its centre at [{x:.4g}, {y:.4g}] m on the tray, is off {face}; expected an overlap"
         yield ("objects", patch.object, "at"), message
 
@@ -89,7 +86,7 @@ def _tipping(config: Config, placed: dict[str, Placement], contacts: tuple[Patch
         return
     for name in config.objects:
         carried = _carried(config, name)
-        if carried is None:
+        if carried is None or placed[name].root != TRAY:
             continue
         mass = np.array([config.objects[other].mass for other in carried])
         center = mass @ np.array([_center_of_mass(config, placed, other) for other in carried]) / mass.sum()
@@ -125,26 +122,24 @@ def _carried(config: Config, name: str) -> list[str] | None:
 
 def _center_of_mass(config: Config, placed: dict[str, Placement], name: str) -> np.ndarray:
     offset = np.array(config.objects[name].center_of_mass[:2])
-    return np.asarray(placed[name].position[:2] + rotation(placed[name].yaw) @ offset)
+    return np.asarray(placed[name].planar[:2] + rotation(placed[name].yaw) @ offset)
 
 
 def _contact_points(config: Config, contacts: tuple[Patch, ...]) -> Iterator[Finding]:
     distance = config.uncertainty.contact_points
-    if distance is None:
-        return
-    by_name = distance if isinstance(distance, dict) else {"default": distance}
     for patch in contacts:
-        used = patch.object if patch.object in by_name else "default"
-        d = by_name.get(used, 0.0)
-        if d > 0 and len(eroded(patch, d)) == 0:
+        names = (patch.name, patch.object)
+        d = value_of(distance, names, 0.0)
+        if d > 0 and len(eroded(patch, d).polygon) == 0:
             key: Key = ("uncertainty", "contact_points")
             message = (
                 f"found {d:g} m, at or over half the size of the contact of {patch.object} on {patch.support}, "
                 "of which nothing certain is left; expected less"
             )
+            used = next((name for name in names if isinstance(distance, dict) and name in distance), "default")
             yield (*key, used) if isinstance(distance, dict) else key, message
 
 
 def _penetration(config: Config) -> Iterator[Finding]:
-    for first, second in overlaps(config.carried_tray.size, solids(config), OUTLINE_POINTS):
+    for first, second in overlaps(config.tray, solids(config), OUTLINE_POINTS):
         yield ("objects", second), f"it overlaps with {first}; expected each object in a place of its own"

@@ -1,4 +1,4 @@
-"""What the keys of a robot on its feet and those of a robot that carries a tray may say together."""
+"""Checks of the steps of a walking robot."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from robustopt.config.document import Key
-from robustopt.config.geometry import RESOLUTION, common_direction
-from robustopt.config.model import FEET, Config, RailConfig, StanceConfig, TrayConfig
+from robustopt.config.model import FEET, Config
+from robustopt.config.path_model import RailConfig, StanceConfig
 from robustopt.config.section import Pose
+from robustopt.geometry import RESOLUTION, common_direction
 
 Finding = tuple[Key, str]
 
@@ -21,52 +22,43 @@ PARALLEL = 1e-3
 
 
 def check_steps(config: Config) -> Iterator[Finding]:
-    """Mistakes in the keys that only one of the two kinds of robots has, and in the steps themselves."""
-    if config.walks:
-        yield from _without_tray(config)
-        yield from _steps(config)
-        if config.path.rail is not None:
-            yield from _rail(config, config.path.rail)
-    else:
-        yield from _with_tray(config)
-
-
-def _with_tray(config: Config) -> Iterator[Finding]:
-    if config.tray is None:
-        keys = ", ".join(TrayConfig.model_fields)
-        what = f"a section with the keys {keys} (the tray that the robot carries)"
-        yield ("tray",), f"missing; expected {what}, or path.steps for a robot on its feet"
-    if isinstance(config.path.start, StanceConfig):
-        yield ("path", "start"), "found where the feet stand; expected joint positions, or path.steps"
+    """Yield the mistakes in the steps of a walking robot, and in keys that only a path with steps may have."""
+    if config.path.steps is None:
+        yield from _without_steps(config)
+        return
+    yield from _beside_steps(config)
+    yield from _steps(config)
     if config.path.rail is not None:
-        yield ("path", "rail"), "found it without path.steps; only a robot on its feet has a hand on a rail"
+        yield from _rail(config, config.path.rail)
+
+
+def _without_steps(config: Config) -> Iterator[Finding]:
+    if isinstance(config.path.start, StanceConfig):
+        yield ("path", "start"), "found the places of the feet; expected joint positions, or path.steps"
+    if config.path.rail is not None:
+        yield ("path", "rail"), "not allowed without path.steps: only a walking robot has a hand on a rail"
     if np.any(config.uncertainty.base_acceleration):
-        yield ("uncertainty", "base_acceleration"), "found it without path.steps; only a robot on its feet has it"
+        yield ("uncertainty", "base_acceleration"), "not allowed without path.steps: only a walking robot has it"
 
 
-def _without_tray(config: Config) -> Iterator[Finding]:
-    foreign: list[tuple[Key, bool]] = [
-        (("tray",), config.tray is not None),
-        (("objects",), bool(config.objects)),
-        (("robot", "locked"), bool(config.robot.locked)),
-        (("path", "blend"), config.path.blend > 0),
-    ]
-    for key, given in foreign:
-        if given:
-            yield key, "found it together with path.steps; a robot on its feet carries nothing and moves all its joints"
+def _beside_steps(config: Config) -> Iterator[Finding]:
+    if config.robot.locked:
+        yield ("robot", "locked"), "not allowed with path.steps: a walking robot has no locked joints"
+    if config.path.blend > 0:
+        yield ("path", "blend"), "not allowed with path.steps: it rounds the corners of poses"
     if config.robot.base != Pose():
-        yield ("robot", "base"), "found it together with path.steps; a robot on its feet begins where path.start says"
+        yield ("robot", "base"), "not allowed with path.steps: a walking robot begins where path.start says"
     execution = config.execution
     if execution is not None and execution.controller.feedforward == "gravity":
         message = "found gravity with path.steps; expected computed_torque: without the torque of its contact forces a "
-        yield ("execution", "controller", "feedforward"), message + "robot on its feet falls"
+        yield ("execution", "controller", "feedforward"), message + "walking robot falls"
     least = POINTS_PER_PHASE * (2 * len(config.path.steps or ()) + 1)
     if config.solver.collocation_points < least:
         found = f"found {config.solver.collocation_points}"
         yield ("solver", "collocation_points"), f"{found}; expected at least {least} for this number of steps"
     if config.solver.cost == "effort":
-        message = "found effort with path.steps, where torques depend on how the feet share the load; expected time "
-        yield ("solver", "cost"), message + "or smoothness"
+        message = "found effort with path.steps; expected time or smoothness: torques depend on how the feet share the "
+        yield ("solver", "cost"), message + "load"
     if len(np.atleast_1d(config.uncertainty.base_acceleration)) not in (1, 6):
         found = f"found {len(np.atleast_1d(config.uncertainty.base_acceleration))} values; expected one, or six: "
         yield ("uncertainty", "base_acceleration"), found + "along x, y, z and about z, y, x"

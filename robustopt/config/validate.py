@@ -13,7 +13,8 @@ from pydantic.fields import FieldInfo
 
 from robustopt.config.check import check
 from robustopt.config.document import Document, Key
-from robustopt.config.model import HANDS, Config, ContactConfig, ObjectConfig
+from robustopt.config.model import HANDS, Config
+from robustopt.config.object_model import ContactConfig, ObjectConfig
 from robustopt.config.section import Section
 from robustopt.config.words import choices, expected, fields, found, in_unit, purpose, unwrap
 from robustopt.errors import ConfigError
@@ -43,7 +44,11 @@ def validate(document: Document, folder: Path) -> Config:
     related: dict[Key, str] = {}
     if usable is not None:
         names = tuple(data["objects"]) if isinstance(data.get("objects"), dict) else ()
-        if usable.walks and usable.path.rail is None and any(key[:2] == ("path", "rail") for key in doubtful):
+        if (
+            usable.path.steps is not None
+            and usable.path.rail is None
+            and any(key[:2] == ("path", "rail") for key in doubtful)
+        ):
             names += HANDS
         for key, message in check(usable, names):
             if not any(_depends(key, bad) for bad in doubtful):

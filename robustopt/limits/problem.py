@@ -7,28 +7,26 @@ second one starts the next piece of the path, x = 0 at both, and the interval be
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
+from robustopt.arrays import Array, Flags, Indices
 from robustopt.config import Config
-from robustopt.limits.contact import contact_systems
-from robustopt.limits.polygons import Polygons, cut_affine, cut_part, edge_rows, facet_family, start
-from robustopt.limits.rows import ContactFamily, PathMotion, TorqueFamily
-from robustopt.limits.track import Error, Track, build_track
-from robustopt.limits.uncertainty import acceleration_error, bodies, contact_shift, friction
-from robustopt.limits.walking import StandingTorque, WalkMotion, walking_families
+from robustopt.limits.contact_limit import ContactLimit
+from robustopt.limits.contacts import contact_limits, torque_limit
+from robustopt.limits.laws import ContactLaw
+from robustopt.limits.limit import Limit, LimitFactory
+from robustopt.limits.motion import PathMotion
+from robustopt.limits.names import LimitKind, LimitName
+from robustopt.limits.polygons import Polygons, cut_affine, edge_rows, start
+from robustopt.limits.torque import TorqueLimit
+from robustopt.limits.track import Track, build_track
+from robustopt.limits.uncertainty import Uncertainty, uncertainty_of
 from robustopt.path import Path, build_path
-from robustopt.path.walking_path import WalkingPath, build_walking_path
 from robustopt.robot import Robot, load_robot
-from robustopt.robot.walker import Walker, load_walker
-
-Array = np.ndarray
-
-STANDARD_GRAVITY = 9.81
-"""Turns a mass into the weight that contact rows are a fraction of, whatever the configured gravity [m/s^2]."""
 
 WITHOUT_LIMIT = 1e3
 """A problem without its joint acceleration limits still bounds |u|, but by this factor further out."""
@@ -38,220 +36,217 @@ WITHOUT_LIMIT = 1e3
 class Limits:
     """All limits of a problem along its grid, before they are cut into rows.
 
-    outline: polygons of the joint velocity limits and of what any acceleration limit allows; acceleration: rows of the
-    joint acceleration limits (P, 2n, 3); joints: the outline cut with them; contacts: one family per contact system;
-    torque: joint torque; names: of all rows; x_max: from joint velocity (P,); velocity_name: (P,) index of its joint
+    Attributes:
+        track: grid and motion.
+        uncertainty: the uncertain quantities.
+        contacts: limits of the contact systems.
+        torque: limits of the joint torques.
+        others: limits that a user has added.
+        laws: contact laws that a user has given, by the name of the contact.
     """
 
-    motion: PathMotion | WalkMotion
-    outline: Polygons
-    acceleration: Array
-    joints: Polygons
-    contacts: tuple[ContactFamily, ...]
-    torque: TorqueFamily | StandingTorque
-    names: tuple[str, ...]
-    x_max: Array
-    velocity_name: Array
+    track: Track
+    uncertainty: Uncertainty
+    contacts: tuple[ContactLimit, ...]
+    torque: TorqueLimit
+    others: tuple[Limit, ...] = ()
+    laws: Mapping[str, ContactLaw] = field(default_factory=dict)
+
+    @property
+    def motion(self) -> PathMotion:
+        """Return the motion along the path."""
+        return self.track.motion
+
+    @property
+    def x_max(self) -> Array:
+        """Return the largest x that the joint velocities allow (P,)."""
+        return self.track.x_max
+
+    @cached_property
+    def names(self) -> tuple[LimitName, ...]:
+        """Return the names of all limits: velocity, acceleration and torque of each joint, contacts, others."""
+        kinds = (LimitKind.VELOCITY, LimitKind.ACCELERATION, LimitKind.TORQUE)
+        names = [name for kind in kinds for name in self.track.names(kind)]
+        return tuple(dict.fromkeys([*names, *(name for limit in self.cutting for name in limit.names)]))
+
+    @property
+    def cutting(self) -> tuple[Limit, ...]:
+        """Return the limits that cut the polygons of the joint limits, in their order."""
+        return (*self.contacts, self.torque, *self.others)
+
+    def index(self, limit: Limit) -> Indices:
+        """Return the number of each name of a limit among all names."""
+        return np.array([self.names.index(name) for name in limit.names], dtype=np.int64)
+
+    def start(self, counts: Flags) -> Polygons:
+        """Return the polygons of the joint velocity limits and of the acceleration limits that count."""
+        track, error, n = self.track, self.uncertainty.error, self.track.robot.n
+        joint = np.tile(np.arange(n), 2)
+        used = counts[n + joint]
+        if used.all():
+            return track.joint_polygons(error)
+        bound = WITHOUT_LIMIT * track.outline(error).vertices[:, 1, 0]
+        return cut_affine(
+            start(bound, track.x_max, track.fastest), track.acceleration(error)[:, used], (n + joint)[used]
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class TimeScalingProblem:
     """Rows a u + b x + c <= 0 and bounds 0 <= x <= x_max on a grid.
 
-    s: (P,) grid points in [0, 1]; piece: (P,) piece of the path; rest: (P,) where the robot must stand still;
-    a, b, c: (P, m) rows, each a fraction of its limit, padded with rows that always hold;
-    row_names: (m,) name of each column; x_max: (P,), 0 at rest; x_max_names: (P,) which joint's velocity bounds x;
-    feasible: (P,) whether any (u, x) satisfies the rows of the point; facets: per contact system the rows its
-    wrenches were held to (F, d); reference: (P,) about which the viscous torque is a tangent, nan for none;
-    kept: names of the limits that count, None for all
+    Attributes:
+        config: the configuration.
+        robot: the robot.
+        path: the path.
+        s: grid points in [0, 1] (P,).
+        piece: piece of the path (P,).
+        rest: whether the robot must stand still (P,).
+        a: coefficients of u (P, m); rows are fractions of their limits, padded with rows that always hold.
+        b: coefficients of x (P, m).
+        c: constants (P, m).
+        row_names: name of each column (m,).
+        x_max: largest x, 0 at rest (P,).
+        x_max_names: the velocity limit that bounds x (P,).
+        feasible: whether any (u, x) satisfies the rows of the grid point (P,).
+        limits: the limits that the rows are made from.
+        kept: names of the limits that count, None for all.
     """
 
     config: Config
-    robot: Robot | Walker
+    robot: Robot
     path: Path
     s: Array
-    piece: Array
-    rest: Array
+    piece: Indices
+    rest: Flags
     a: Array
     b: Array
     c: Array
-    row_names: tuple[str, ...]
+    row_names: tuple[LimitName, ...]
     x_max: Array
-    x_max_names: tuple[str, ...]
-    feasible: Array
+    x_max_names: tuple[LimitName, ...]
+    feasible: Flags
     limits: Limits = field(repr=False)
-    facets: tuple[Array, ...] = field(repr=False)
-    facet_names: tuple[Array, ...] = field(repr=False)
-    reference: Array = field(repr=False)
     kept: frozenset[str] | None = None
 
     @cached_property
     def ds(self) -> Array:
-        """Interval lengths, (P - 1,); 0 at stops."""
+        """Return the interval lengths (P - 1,); 0 at stops."""
         return np.diff(self.s)
 
-    def with_facets(self, facets: tuple[Array, ...]) -> TimeScalingProblem:
-        """The same problem with its contact systems held to other rows, as fractions of the weight, (F, d) each."""
+    @property
+    def facets(self) -> tuple[Array, ...]:
+        """Return the rows that each contact system is held to, as fractions of its weight, (F, d) each."""
+        return tuple(limit.facets for limit in self.limits.contacts)
+
+    @property
+    def reference(self) -> Array:
+        """Return the x about which the viscous torque is linearised (P,), nan for none."""
+        return self.limits.torque.reference
+
+    def with_contacts(self, contacts: Sequence[ContactLimit]) -> TimeScalingProblem:
+        """Return the same problem with other limits of its contact systems."""
+        return _with_rows(replace(self, limits=replace(self.limits, contacts=tuple(contacts))))
+
+    def with_facets(self, facets: Sequence[Array]) -> TimeScalingProblem:
+        """Return the same problem with its contact systems held to other rows, (F, d) each."""
         pairs = zip(self.limits.contacts, facets, strict=True)
-        names = tuple(_name_index(family, rows, self.limits.names) for family, rows in pairs)
-        return _with_rows(self, facets, names, self.reference)
+        return self.with_contacts([limit.with_facets(rows) for limit, rows in pairs])
 
-    def with_torque(self, torque: StandingTorque) -> TimeScalingProblem:
-        """The same problem of a robot on its feet with other rows of its joint torques."""
-        limits = replace(self.limits, torque=torque)
-        return _with_rows(replace(self, limits=limits), self.facets, self.facet_names, self.reference)
-
-    def only(self, names: Collection[str]) -> TimeScalingProblem:
-        """The same problem with the limits of the given names alone; joint velocity always stays."""
-        return _with_rows(replace(self, kept=frozenset(names)), self.facets, self.facet_names, self.reference)
+    def with_torque(self, torque: TorqueLimit) -> TimeScalingProblem:
+        """Return the same problem with other rows of its joint torques."""
+        return _with_rows(replace(self, limits=replace(self.limits, torque=torque)))
 
     def with_reference(self, reference: Array) -> TimeScalingProblem:
-        """The same problem with the viscous torque linearised about x = reference (P,)."""
-        return _with_rows(self, self.facets, self.facet_names, reference)
+        """Return the same problem with the viscous torque linearised about x = reference (P,)."""
+        return self.with_torque(self.limits.torque.with_reference(reference))
 
-    def counts(self, index: Array) -> Array:
-        """Whether the limits of these indices into `limits.names` are among those that count, (k,)."""
+    def only(self, names: Collection[str]) -> TimeScalingProblem:
+        """Return the same problem with the limits of the given names alone; joint velocity always stays."""
+        return _with_rows(replace(self, kept=frozenset(names)))
+
+    def counts(self, index: Indices) -> Flags:
+        """Return whether the limits with these numbers in `limits.names` are among those that count, (k,)."""
         if self.kept is None:
             return np.ones(len(index), dtype=bool)
         return np.array([self.limits.names[k] in self.kept for k in index], dtype=bool)
 
-    def torque_excess(self, u: Array, x: Array, points: Array) -> float:
-        """Largest part of a torque limit by which an arm's exact torque exceeds it, for any value of the parameters.
+    def torque_excess(self, u: Array, x: Array, points: Indices) -> float:
+        """Return the largest part of a torque limit by which the exact torque exceeds it, for any uncertain quantity.
 
-        u, x: (M,); points: (M,) grid point of each
+        Args:
+            u: sdd (M,).
+            x: sd^2 (M,).
+            points: grid point of each (M,).
         """
-        assert isinstance(self.limits.torque, TorqueFamily)
-        counted = self.counts(np.tile(np.arange(2 * self.robot.n, 3 * self.robot.n), 2))
+        counted = self.counts(np.arange(2 * self.robot.n, 3 * self.robot.n))
         return float(self.limits.torque.excess(u, x, points)[:, counted].max(initial=-1.0))
 
     def torques(self, u: Array, x: Array) -> Array:
-        """Nominal torque of an arm's joints at grid points for (u, x) there, payload and joint friction included.
-
-        (P, n) [N m]
-        """
-        assert isinstance(self.limits.torque, TorqueFamily)
-        columns = []
-        for joint in range(self.robot.n):
-            coefficients, viscous = self.limits.torque.nominal(joint)
-            affine = coefficients[:, 0] * u + coefficients[:, 1] * x + coefficients[:, 2]
-            columns.append((affine + viscous * np.sqrt(np.maximum(x, 0.0))) * self.robot.limits.torque[joint])
-        return np.stack(columns, axis=1)
+        """Return the nominal joint torques at the grid points, payload and joint friction included, (P, n) [N m]."""
+        return self.limits.torque.torques(u, x) * self.robot.limits.torque
 
 
-def build_problem(config: Config) -> TimeScalingProblem:
-    """The time-scaling problem of a configuration.
+def build_problem(
+    config: Config, limits: Sequence[LimitFactory] = (), laws: Mapping[str, ContactLaw] | None = None
+) -> TimeScalingProblem:
+    """Return the time-scaling problem of a configuration.
 
-    Raises ConfigError, RobotError or PathError where the configuration cannot be used. A problem that has no solution
-    is no error here: `solve` says so.
+    A problem that has no solution is no error here: `solve` says so.
+
+    Args:
+        config: the configuration.
+        limits: further limits, each made from the track.
+        laws: contact laws in place of the configured ones, by the name of the contact of an object.
+
+    Raises:
+        ConfigError: the configuration cannot be used.
+        RobotError: its robot cannot be used.
+        PathError: its path cannot be followed.
     """
-    return rows_along(track_of(config), config)
+    return rows_along(track_of(config), config, limits, laws)
 
 
 def track_of(config: Config) -> Track:
-    """The track of a configuration. Raises ConfigError, RobotError or PathError where that cannot be used."""
-    if config.walks:
-        walker = load_walker(config)
-        return build_track(config, walker, build_walking_path(config, walker))
+    """Return the track of a configuration; errors as of `build_problem`."""
     robot = load_robot(config)
     return build_track(config, robot, build_path(config, robot))
 
 
-def build_rows(config: Config, robot: Robot | Walker, path: Path) -> TimeScalingProblem:
-    """The problem of a configuration whose robot and path are at hand."""
+def build_rows(config: Config, robot: Robot, path: Path) -> TimeScalingProblem:
+    """Return the problem of a configuration whose robot and path are at hand."""
     return rows_along(build_track(config, robot, path), config)
 
 
-def rows_along(track: Track, config: Config) -> TimeScalingProblem:
-    """The problem of a configuration whose robot, path and number of collocation points are those of the track."""
-    limits = _limits(config, track)
-    facets = tuple(_scaled_facets(family) for family in limits.contacts)
-    names = tuple(limits.names.index(family.system.names[0]) + family.system.kinds for family in limits.contacts)
+def rows_along(
+    track: Track,
+    config: Config,
+    limits: Sequence[LimitFactory] = (),
+    laws: Mapping[str, ContactLaw] | None = None,
+) -> TimeScalingProblem:
+    """Return the problem of a configuration whose robot, path and collocation points are those of a track."""
+    uncertainty = uncertainty_of(config, track.robot.n, track.robot.base)
+    contacts = contact_limits(config, track, uncertainty, laws)
+    torque = torque_limit(track, uncertainty, contacts)
+    every = Limits(track, uncertainty, contacts, torque, tuple(factory(track) for factory in limits), laws or {})
     points = len(track.s)
     empty = np.zeros((points, 0))
     bare = TimeScalingProblem(
         config, track.robot, track.path, track.s, track.piece, track.rest, empty, empty, empty, (),
-        np.where(track.rest, 0.0, track.x_max), track.velocity_names,
-        np.ones(points, dtype=bool), limits, facets, names, np.full(points, np.nan),
+        np.where(track.rest, 0.0, track.x_max), track.velocity_names, np.ones(points, dtype=bool), every,
     )  # fmt: skip
-    return _with_rows(bare, facets, names, bare.reference)
+    return _with_rows(bare)
 
 
-def _limits(config: Config, track: Track) -> Limits:
-    error = acceleration_error(config, track.robot.n)
-    families = _walking_families if isinstance(track.robot, Walker) else _carrying_families
-    contacts, torque = families(config, track, error)
-    return Limits(
-        track.motion, track.outline(error), track.acceleration(error), track.joint_polygons(error), contacts, torque,
-        _all_names(track.robot, contacts), track.x_max, track.fastest,
-    )  # fmt: skip
-
-
-def _walking_families(
-    config: Config, track: Track, error: Error
-) -> tuple[tuple[ContactFamily, ...], TorqueFamily | StandingTorque]:
-    """Contacts and joint torques of a robot on its feet."""
-    assert isinstance(track.robot, Walker)
-    assert isinstance(track.path, WalkingPath)
-    assert isinstance(track.motion, WalkMotion)
-    return walking_families(config, track.robot, track.path, track.s, track.motion, track.walking_loads(config, error))
-
-
-def _carrying_families(
-    config: Config, track: Track, error: Error
-) -> tuple[tuple[ContactFamily, ...], TorqueFamily | StandingTorque]:
-    """Contacts and joint torques of an arm that carries a tray."""
-    everything = bodies(config)
-    systems = contact_systems(config, friction(config), contact_shift(config))
-    contacts = []
-    for system in systems:
-        loaded = tuple(tuple(everything[name] for name in row) for row in system.loads)
-        parameters = [np.sum([body.nominal for body in row], axis=0) for row in loaded]
-        centred = system.about([phi[1:4] / phi[0] for phi in parameters])
-        weight = STANDARD_GRAVITY * sum(phi[0] for phi in parameters)
-        contacts.append(ContactFamily(centred, track.loads(loaded, centred.points, error), weight))
-    payload = track.loads((tuple(everything.values()),), (np.zeros(3),), error)
-    return tuple(contacts), track.torque(payload, error)
-
-
-def _all_names(robot: Robot | Walker, contacts: tuple[ContactFamily, ...]) -> tuple[str, ...]:
-    """Names of all rows: velocity, acceleration and torque per joint, then the limits of the contact systems."""
-    names = [f"{joint} {kind}" for kind in ("velocity", "acceleration", "torque") for joint in robot.joint_names]
-    for family in contacts:
-        names += family.system.names
-    return tuple(dict.fromkeys(names))
-
-
-def _name_index(family: ContactFamily, rows: Array, names: tuple[str, ...]) -> Array:
-    return names.index(family.system.names[0]) + family.system.kind_of(rows)
-
-
-def _scaled_facets(family: ContactFamily) -> Array:
-    """The facets of a system as rows whose value is a fraction of the weight they carry, (F, d)."""
-    if family.system.facets is None:
-        return np.zeros((0, family.system.dimension))
-    return family.system.facets / family.weight
-
-
-def _with_rows(
-    problem: TimeScalingProblem, facets: tuple[Array, ...], names: tuple[Array, ...], reference: Array
-) -> TimeScalingProblem:
-    """Cut the polygons of all limits and turn their edges into rows."""
-    limits, n = problem.limits, problem.robot.n
+def _with_rows(problem: TimeScalingProblem) -> TimeScalingProblem:
+    """Return the problem with the polygons of all limits cut, and their edges as rows."""
+    limits = problem.limits
     counts = problem.counts(np.arange(len(limits.names)))
-    joint_names = np.tile(np.arange(n), 2)
-    polygons = limits.joints
-    used = counts[n + joint_names]
-    if not used.all():
-        polygons = start(WITHOUT_LIMIT * limits.outline.vertices[:, 1, 0], limits.x_max, limits.velocity_name)
-        polygons = cut_affine(polygons, limits.acceleration[:, used], (n + joint_names)[used])
-    for family, rows, index in zip(limits.contacts, facets, names, strict=True):
-        used = counts[index]
-        polygons = cut_part(polygons, facet_family(rows[used], family.loads, index[used]), family.first, family.last)
-    used = counts[2 * n + joint_names]
-    polygons = limits.torque.cut(polygons, reference, limits.x_max, used, 2 * n + joint_names)
-    rows, columns = edge_rows(polygons, n, len(limits.names))
+    polygons = limits.start(counts)
+    for limit in limits.cutting:
+        index = limits.index(limit)
+        polygons = limit.cut(polygons, index, counts[index])
+    rows, columns = edge_rows(polygons, problem.robot.n, len(limits.names))
     a, b, c = np.ascontiguousarray(np.moveaxis(rows, 2, 0))
-    return replace(
-        problem, a=a, b=b, c=c, row_names=tuple(limits.names[k] for k in columns), feasible=polygons.sizes > 0,
-        facets=facets, facet_names=names, reference=reference,
-    )  # fmt: skip
+    names = tuple(limits.names[k] for k in columns)
+    return replace(problem, a=a, b=b, c=c, row_names=names, feasible=polygons.sizes > 0)

@@ -1,9 +1,9 @@
-"""Contacts of a robot on its feet: one contact system per stance.
+"""Contacts of a walking robot with its environment: one contact system per stance.
 
-A stance is a phase of the path in which the same contacts rest in the same places: one foot or both, and a hand that is
-on a rail. The wrench that the robot needs, about the world's origin, must lie in the cone of all their forces. There is
-a direction that all these forces point along, for level soles up; the facets of the cone are those of the hull of its
-section by unit force in that direction.
+A stance is a phase of the path in which the same contacts rest in the same places: one foot or both, and a hand on a
+rail. The held body is the floating base; its required wrench, about the world's origin, must lie in the cone of all
+contact forces. There is a direction along which all these forces have a positive part, for level soles up; the facets
+of the cone are those of the hull of its section by unit force in that direction.
 """
 
 from __future__ import annotations
@@ -14,25 +14,31 @@ from functools import lru_cache
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from robustopt.config.geometry import RESOLUTION, area, common_direction, contact_axes, erode
+from robustopt.arrays import Array
 from robustopt.errors import ConfigError
-from robustopt.limits.contact import ContactSystem, about_point, patch_facets, tips, wrench_generators
+from robustopt.geometry import RESOLUTION, area, common_direction, contact_axes, erode
+from robustopt.limits.cones import FACET_MERGE, about_point, into_axes, patch_facets, tipping_rows, wrench_generators
+from robustopt.limits.names import LimitKind, LimitName
+from robustopt.limits.systems import ContactSystem
 from robustopt.path.footsteps import Stance
 
-Array = np.ndarray
-
-FACET_MERGE = 1e-9
-"""Facets whose normals agree to this are one that the hull code has triangulated."""
-
 ROBOT = "robot"
-"""Name of the one body that the contacts balance: the robot as a whole."""
+"""Name of the held body that the environment contacts support: the robot as a whole."""
 
 
 def eroded_sole(points: Array, shift: float, name: str) -> Array:
-    """Contact points of a foot or hand (k, 3) with each one `shift` inside its place along x and y: what is left (k, 2)
-    [m].
+    """Return the part of a foot's or hand's contact that is certain.
 
-    Raises ConfigError if nothing is left.
+    Args:
+        points: contact points (k, 3) [m].
+        shift: largest distance of each from its place along x and y [m].
+        name: name of the contact.
+
+    Returns:
+        Corners (k, 2) [m].
+
+    Raises:
+        ConfigError: nothing is left.
     """
     polygon = points[:, :2]
     left = erode(polygon, shift)
@@ -47,9 +53,13 @@ def eroded_sole(points: Array, shift: float, name: str) -> Array:
 def stance_system(
     stance: Stance, soles: Mapping[str, Array], friction: Mapping[str, float], edges: int
 ) -> ContactSystem:
-    """The contact system of a stance: wrenches about the world's origin.
+    """Return the contact system of a stance, wrenches about the world's origin, world axes.
 
-    soles: contact points of each contact around its middle, (k, 2) [m]; friction: coefficient of each
+    Args:
+        stance: the stance.
+        soles: contact points of each contact about its centre (k, 2) [m].
+        friction: coefficient of friction of each contact.
+        edges: number of edges of each friction cone.
     """
     names = stance.contacts
     points = [place.world(soles[name]) for name, place in stance.places.items()]
@@ -72,10 +82,13 @@ def stance_system(
         objects=(ROBOT,),
         loads=((ROBOT,),),
         points=(np.zeros(3),),
+        pressed=(),
         generators=generators,
+        edges_of_friction=np.ones(generators.shape[1], dtype=bool),
         facets=facets,
-        kinds=tips(facets, generators, edges).astype(np.int64),
-        names=(f"slip of {stance.words}", f"tipping over {stance.words}"),
+        complete=True,
+        kinds=tipping_rows(facets, generators, edges).astype(np.intp),
+        names=(LimitName(LimitKind.SLIP, stance.words), LimitName(LimitKind.TIPPING, stance.words)),
         edges=edges,
         interfaces=names,
     )
@@ -86,7 +99,7 @@ Key = tuple[Rows, float, Rows]
 
 
 def _key(points: Array, mu: float, axes: Array) -> Key:
-    """A contact as something that can be looked up: its points (k, 3), friction and axes (3, 3)."""
+    """Return a contact as a key: its points (k, 3), friction and axes (3, 3)."""
     return _rows(points), mu, _rows(axes)
 
 
@@ -96,10 +109,13 @@ def _rows(array: Array) -> Rows:
 
 @lru_cache(maxsize=64)
 def _joint_facets(contacts: tuple[Key, ...], edges: int) -> Array:
-    """Facets of several contacts with a coefficient of friction each, moments about a point between them, (F, 6).
+    """Return the facets of several contacts, moments about a point between them, (F, 6).
 
-    Scaled to -1 for the mean of all edge forces, whose part along the common direction is 1: for level soles to a
-    coefficient -1 of the normal force, as those of one patch. Raises ValueError where there is no common direction.
+    They are scaled to -1 for the mean of all edge forces, whose part along the common direction is 1: for level soles
+    to a coefficient -1 of the normal force, like the facets of one patch.
+
+    Raises:
+        ValueError: there is no common direction.
     """
     frames = [np.array(axes) for _, _, axes in contacts]
     direction = common_direction([axes[:, 2] for axes in frames], [mu for _, mu, _ in contacts])
@@ -125,9 +141,6 @@ def _joint_facets(contacts: tuple[Key, ...], edges: int) -> Array:
 
 
 def _turn_to(direction: Array) -> Array:
-    """Matrix that takes wrenches into axes whose z is a direction, (6, 6)."""
+    """Return the matrix that takes wrenches into axes whose z is a direction, (6, 6)."""
     least = np.eye(3)[int(np.argmin(np.abs(direction)))]
-    axes = np.eye(3) if direction[2] == 1.0 else contact_axes(direction, least)
-    turn = np.zeros((6, 6))
-    turn[:3, :3] = turn[3:, 3:] = axes.T
-    return turn
+    return into_axes(np.eye(3) if direction[2] == 1.0 else contact_axes(direction, least))

@@ -1,7 +1,7 @@
-"""Track: the grid along a path, and what robot and path alone decide of a problem.
+"""Track: the grid along a path, and everything that robot and path alone decide of a problem.
 
-Whatever is believed of the load (friction, contact points, masses, centres of mass, joint acceleration errors), the
-track is the same, so problems that differ in their beliefs share it, and what of it they have in common is kept.
+Problems that differ in their uncertain quantities share a track, and the parts that they have in common are kept: each
+kind of result under the uncertain quantities that it depends on.
 """
 
 from __future__ import annotations
@@ -14,33 +14,21 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from robustopt.arrays import Array, Flags, Indices
 from robustopt.config import Config
+from robustopt.limits.bodies import Body
+from robustopt.limits.generalised_force import generalised_force
+from robustopt.limits.grid import gridpoints
+from robustopt.limits.motion import PathMotion, path_motion
+from robustopt.limits.names import LimitKind, LimitName
 from robustopt.limits.polygons import Loads, Polygons, cut_affine, start
-from robustopt.limits.rows import (
-    BodyWrenches,
-    PathMotion,
-    TorqueFamily,
-    acceleration_rows,
-    body_loads,
-    body_wrenches,
-    own_inertia_terms,
-    path_motion,
-    torque_family,
-)
-from robustopt.limits.uncertainty import Body
-from robustopt.limits.walking import WalkMotion, walk_motion, walking_loads
+from robustopt.limits.torque import TorqueLimit, own_inertia_terms, payload_torque
+from robustopt.limits.uncertainty import AccelerationError, Uncertainty
+from robustopt.limits.wrenches import BodyWrenches, body_loads, body_wrenches, no_wrench
 from robustopt.path import Path
-from robustopt.robot import Robot
-from robustopt.robot.walker import Walker
+from robustopt.robot import JointLimits, Robot
 
-Array = np.ndarray
-Error = tuple[Array, Array]
-"""Middle and half-width of the interval of joint acceleration error, (n,) each [rad/s^2]."""
 Value = TypeVar("Value")
-
-REST_REFINEMENT = 0.45
-"""Share of cosine spacing in the grid of a piece, the rest is uniform: finer towards rest, where sd is like sqrt(s).
-With 0.45, 200 intervals are within 0.3 % of a fine grid on all waiter tasks; below 0.4 and above 0.55 not on all."""
 
 LEAST_RATE = 1e-3
 """Where q' vanishes, sd and sdd are bounded as if it were this part of its largest value, far beyond what other grid
@@ -52,75 +40,85 @@ MOST_KEPT = 16
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """A grid along a path and the motion of robot and tray, or of a robot on its feet, there.
+    """A grid along a path, and the motion of the robot there.
 
-    s: (P,) grid points in [0, 1]; piece: (P,) piece of the path; rest: (P,) where the robot must stand still;
-    x_max: (P,) largest x that the joint velocities allow; fastest: (P,) which joint bounds it
+    Attributes:
+        robot: the robot.
+        path: the path.
+        s: grid points in [0, 1] (P,).
+        piece: piece of the path (P,).
+        rest: whether the robot must stand still (P,).
+        motion: motion along the path.
+        x_max: largest x that the joint velocities allow (P,).
+        fastest: the joint that bounds it (P,).
     """
 
-    robot: Robot | Walker
+    robot: Robot
     path: Path
     s: Array
-    piece: Array
-    rest: Array
-    motion: PathMotion | WalkMotion
+    piece: Indices
+    rest: Flags
+    motion: PathMotion
     x_max: Array
-    fastest: Array
+    fastest: Indices
     _kept: dict[str, dict[Hashable, Any]] = field(default_factory=dict, repr=False)
     _lock: Lock = field(default_factory=Lock, repr=False)
 
-    @cached_property
-    def velocity_names(self) -> tuple[str, ...]:
-        """Names of the velocity limits that bound x, (P,)."""
-        return tuple(f"{self.robot.joint_names[k]} velocity" for k in self.fastest)
+    def names(self, kind: LimitKind) -> tuple[LimitName, ...]:
+        """Return the names of a kind of joint limit (n,)."""
+        return tuple(LimitName(kind, joint) for joint in self.robot.joint_names)
 
-    def loads(self, carried: Sequence[Sequence[Body]], about: Sequence[Array], error: Error) -> Loads:
-        """Loads of stacked objects, each of which carries the bodies listed for it: see `body_loads`."""
-        motion = self.motion
-        assert isinstance(motion, PathMotion)
-        key = (tuple(map(tuple, carried)), np.concatenate(about).tobytes(), _bytes(error))
-        erring = any(map(np.any, error))
+    @cached_property
+    def velocity_names(self) -> tuple[LimitName, ...]:
+        """Return the names of the velocity limits that bound x, (P,)."""
+        names = self.names(LimitKind.VELOCITY)
+        return tuple(names[k] for k in self.fastest)
+
+    def loads(self, carried: Sequence[Sequence[Body]], about: Sequence[Array], error: AccelerationError) -> Loads:
+        """Return the required wrenches of stacked objects; see `body_loads`."""
+        if not any(carried):
+            return no_wrench(len(self.s), 6 * len(carried))
+        erring = any(map(np.any, error.arrays))
 
         def wrenches_of(body: Body) -> BodyWrenches:
-            return self._once("wrenches", (body, erring), lambda: body_wrenches(motion, body, erring))
+            return self._once("wrenches", (body, erring), lambda: body_wrenches(self.motion, body, erring))
 
-        return self._once("loads", key, lambda: body_loads(carried, about, *error, wrenches_of))
+        key = (tuple(map(tuple, carried)), np.concatenate(about).tobytes(), error)
+        return self._once("loads", key, lambda: body_loads(carried, about, *error.arrays, wrenches_of))
 
-    def walking_loads(self, config: Config, error: Error) -> Loads:
-        """Load of a robot on its feet with the configured beliefs: see `walking`."""
-        robot, motion = self.robot, self.motion
-        assert isinstance(robot, Walker)
-        assert isinstance(motion, WalkMotion)
-        key = (repr((config.uncertainty.center_of_mass, config.uncertainty.mass)), _bytes(error))
-        return self._once("loads", key, lambda: walking_loads(config, robot, motion, error))
+    def generalised_force(self, uncertainty: Uncertainty) -> Loads:
+        """Return the generalised force of the motion of a legged robot."""
+        key = (uncertainty.robot_bodies, uncertainty.bodies, uncertainty.error, uncertainty.squeeze)
+        return self._once("force", key, lambda: generalised_force(self.robot, self.motion, uncertainty))
 
-    def torque(self, payload: Loads, error: Error) -> TorqueFamily:
-        """Joint torque limits with a payload."""
-        motion, limits = self.motion, self.robot.limits
-        assert isinstance(motion, PathMotion)
-        family = self._once("torque", error[0].tobytes(), lambda: torque_family(motion, limits, payload, *error))
-        key = (len(payload.constant_group), _bytes(error))
-        terms = self._once("torque terms", key, lambda: own_inertia_terms(motion, limits, payload, error[1]))
-        return family.carrying(payload, terms)
+    def payload_torque(self, payload: Loads, error: AccelerationError) -> TorqueLimit:
+        """Return the torque limits of an arm with a payload."""
+        motion, limits, names = self.motion, self.robot.limits, self.names(LimitKind.TORQUE)
+        limit = self._once(
+            "torque", error.middle, lambda: payload_torque(motion, names, limits, payload, error.arrays, self.x_max)
+        )
+        key = (len(payload.constant_group), error)
+        terms = self._once("torque terms", key, lambda: own_inertia_terms(motion, limits, payload, error.arrays[1]))
+        return limit.carrying(payload, terms)
 
-    def acceleration(self, error: Error) -> Array:
-        """Rows of the joint acceleration limits, (P, 2n, 3)."""
+    def acceleration(self, error: AccelerationError) -> Array:
+        """Return the rows of the joint acceleration limits, (P, 2n, 3)."""
         return self._once(
-            "acceleration", _bytes(error), lambda: acceleration_rows(self.motion, self.robot.limits, *error)
+            "acceleration", error, lambda: acceleration_rows(self.motion, self.robot.limits, *error.arrays)
         )
 
-    def outline(self, error: Error) -> Polygons:
-        """Rectangles that hold every (u, x) of the acceleration limits, twice as wide as they need to be."""
-        return self._once("outline", error[0].tobytes(), lambda: _outline(self, error[0]))
+    def outline(self, error: AccelerationError) -> Polygons:
+        """Return rectangles that hold every (u, x) of the acceleration limits, twice as wide as they need to be."""
+        return self._once("outline", error.middle, lambda: _outline(self, error.arrays[0]))
 
-    def joint_polygons(self, error: Error) -> Polygons:
-        """The outline, cut with the rows of the joint acceleration limits, which are named n + joint."""
+    def joint_polygons(self, error: AccelerationError) -> Polygons:
+        """Return the outline cut with the rows of the joint acceleration limits, which are numbered n + joint."""
         names = self.robot.n + np.tile(np.arange(self.robot.n), 2)
         rows = self.acceleration(error)
-        return self._once("joint polygons", _bytes(error), lambda: cut_affine(self.outline(error), rows, names))
+        return self._once("joint polygons", error, lambda: cut_affine(self.outline(error), rows, names))
 
     def _once(self, kind: str, key: Hashable, make: Callable[[], Value]) -> Value:
-        """A result that may be at hand; two threads may make it at the same time, alike."""
+        """Return a result that may be at hand; two threads may make it at the same time, alike."""
         kept = self._kept.setdefault(kind, {})
         found: Value | None = kept.get(key)
         if found is None:
@@ -132,12 +130,8 @@ class Track:
         return found
 
 
-def _bytes(error: Error) -> bytes:
-    return np.concatenate(error).tobytes()
-
-
-def build_track(config: Config, robot: Robot | Walker, path: Path) -> Track:
-    """The track of a path, with the configured number of intervals."""
+def build_track(config: Config, robot: Robot, path: Path) -> Track:
+    """Return the track of a path, with the configured number of intervals."""
     s, piece = gridpoints(path, config.solver.collocation_points)
     for switch in path.switches:  # the limits on both sides of it hold there
         s[1 + np.argmin(np.abs(s[1:-1] - switch))] = switch
@@ -146,49 +140,22 @@ def build_track(config: Config, robot: Robot | Walker, path: Path) -> Track:
     doubled = np.flatnonzero(np.diff(s) == 0)
     rest[doubled] = rest[doubled + 1] = True
     q, q1, q2 = (path.evaluate(s, piece, order) for order in (0, 1, 2))
-    motion: PathMotion | WalkMotion
-    if isinstance(robot, Walker):
-        motion = walk_motion(robot, q, q1, q2)
-    else:
-        motion = path_motion(q1, q2, robot.dynamics(q, q1, q2))
+    motion = path_motion(robot, q, q1, q2)
     return Track(robot, path, s, piece, rest, motion, *_velocity_bound(q1, robot.limits.velocity))
 
 
-def gridpoints(path: Path, intervals: int) -> tuple[Array, Array]:
-    """Grid of a path: s (P,) and the piece of each grid point (P,); stops are doubled, P = intervals + pieces."""
-    lengths = np.diff(path.breaks)
-    counts = _apportion(lengths, intervals)
-    s, piece = [], []
-    for k, count in enumerate(counts):
-        xi = np.linspace(0.0, 1.0, count + 1)
-        spaced = (1 - REST_REFINEMENT) * xi + REST_REFINEMENT * (1 - np.cos(np.pi * xi)) / 2
-        points = path.breaks[k] + lengths[k] * spaced
-        points[0], points[-1] = path.breaks[k], path.breaks[k + 1]
-        s.append(points)
-        piece.append(np.full(count + 1, k))
-    return np.concatenate(s), np.concatenate(piece)
+def acceleration_rows(motion: PathMotion, limits: JointLimits, middle: Array, radius: Array) -> Array:
+    """Return the rows +-(q' u + q'' x + middle) + radius <= limit, divided by the limit, (P, 2n, 3)."""
+    rows = np.stack([motion.q1, motion.q2, np.broadcast_to(middle, motion.q1.shape)], axis=2)
+    rows = np.concatenate([rows, -rows], axis=1)
+    rows[:, :, 2] += np.r_[radius, radius]
+    rows /= np.r_[limits.acceleration, limits.acceleration][:, None]
+    rows[:, :, 2] -= 1.0
+    return rows
 
 
-def _apportion(lengths: Array, total: int) -> list[int]:
-    """Split `total` intervals in proportion to the lengths, at least two each, by largest remainders.
-
-    Short pieces get two, the others share the rest; only where `total` is below two each is it exceeded.
-    """
-    short = np.zeros(len(lengths), dtype=bool)
-    while True:
-        left = total - 2 * short.sum()
-        shares = np.where(short, 2.0, lengths / max(lengths[~short].sum(), 1e-300) * left)
-        if not (shares < 2.0).any():
-            break
-        short |= shares < 2.0
-    counts = np.floor(shares).astype(int)
-    for k in np.argsort(counts - shares, kind="stable")[: max(total - counts.sum(), 0)]:
-        counts[k] += 1
-    return [int(count) for count in counts]
-
-
-def _velocity_bound(q1: Array, velocity: Array) -> tuple[Array, Array]:
-    """Largest x that the joint velocities allow, (P,), and which joint bounds it, (P,)."""
+def _velocity_bound(q1: Array, velocity: Array) -> tuple[Array, Indices]:
+    """Return the largest x that the joint velocities allow (P,), and the joint that bounds it (P,)."""
     ratio = np.abs(q1) / velocity
     fastest = np.argmax(ratio, axis=1)
     return 1.0 / _without_zeros(ratio.max(axis=1)) ** 2, fastest
@@ -206,5 +173,5 @@ def _outline(track: Track, middle: Array) -> Polygons:
 
 
 def _without_zeros(rates: Array) -> Array:
-    """Rates of the fastest joint along the path (P,), bounded from below where joints turn around together."""
+    """Return rates of the fastest joint along the path (P,), bounded from below where joints turn round together."""
     return np.maximum(rates, LEAST_RATE * rates.max())

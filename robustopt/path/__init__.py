@@ -1,5 +1,7 @@
-"""The geometric path of the joints."""
+"""The geometric path of the coordinates."""
 
-from robustopt.path.path import Path, build_path
+from robustopt.path.build import build_path
+from robustopt.path.footsteps import Place, Stance
+from robustopt.path.path import Path
 
-__all__ = ["Path", "build_path"]
+__all__ = ["Path", "Place", "Stance", "build_path"]

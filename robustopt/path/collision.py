@@ -1,8 +1,8 @@
-"""Collisions of the arm, the tray and the objects along a path, found by MuJoCo.
+"""Collisions of the robot, the tray and the objects along a path, found by MuJoCo.
 
-The tray and the objects are bodies fixed to the tool, at rest where the configuration puts them. Bodies that cannot
-move against each other are not checked, nor are neighbours in the chain of links, nor pairs of links that overlap in
-every position of the arm: coarse shapes that overlap by construction.
+The tray and the objects are bodies fixed to the tool, at rest in the places that the configuration gives them. Pairs
+that are not checked: bodies that cannot move against each other, neighbours in the chain of links, and links that
+overlap in every posture, because their coarse shapes overlap by construction.
 """
 
 from __future__ import annotations
@@ -12,12 +12,15 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from robustopt.config import Config
-from robustopt.config.geometry import placements
+from robustopt.arrays import Array
+from robustopt.config import Config, RailConfig
 from robustopt.errors import ConfigProblem, RobotError
 from robustopt.path.inverse_kinematics import spread
 from robustopt.robot import Robot
-from robustopt.robot.model_file import TRAY_SITE, USUAL
+from robustopt.robot.model_file import USUAL
+from robustopt.robot.preparation import CARRIER_SITE
+from robustopt.scene.placement import placements
+from robustopt.scene.rail import rail_box
 
 TOUCH = 1e-4
 """Overlap that counts as touching [m]: rounding and the tolerance of the path, well below any collision of interest."""
@@ -25,13 +28,21 @@ POSTURES = 32
 """Postures in which two links must overlap, in all of them, to count as overlapping by construction."""
 PREFIX = "robustopt_"
 """Keeps the names of the tray and the objects apart from those of the robot's bodies."""
+RAIL = f"{PREFIX}rail"
+"""Name of a rail among the geoms of a model."""
 EVERYTHING = 0x7FFFFFFF
 """Collision bits of the tray and the objects: they collide with whatever of the robot collides at all."""
 
 
 @dataclass(frozen=True)
 class Collision:
-    """The first collision along a sequence of joint positions: its `index`, the two bodies, the overlap [m]."""
+    """A collision in a sequence of postures.
+
+    Attributes:
+        index: of the posture.
+        bodies: names of the two bodies.
+        depth: overlap [m].
+    """
 
     index: int
     bodies: tuple[str, str]
@@ -39,10 +50,13 @@ class Collision:
 
 
 class CollisionCheck:
-    """Collision check of the robot with the tray and the objects of a configuration.
+    """A collision check of the robot with the tray and the objects of a configuration.
 
-    `overlapping`: pairs of links that overlap by construction and are not checked.
-    Raises RobotError if `robot.collision.exclude` names a body that does not exist.
+    Attributes:
+        overlapping: pairs of links that overlap by construction and are not checked.
+
+    Raises:
+        RobotError: if `robot.collision.exclude` names a body that does not exist
     """
 
     def __init__(self, config: Config, robot: Robot) -> None:
@@ -54,8 +68,8 @@ class CollisionCheck:
         self.overlapping = tuple(sorted(self._name(pair) for pair in overlapping))
         self._ignored |= overlapping
 
-    def first(self, q: np.ndarray) -> Collision | None:
-        """The first collision at the joint positions `q` (P, n), or None."""
+    def first(self, q: Array) -> Collision | None:
+        """Return the first collision at the coordinates `q` (P, n), or None."""
         for index, qi in enumerate(q):
             overlaps = self._overlaps(qi)
             if overlaps:
@@ -63,8 +77,8 @@ class CollisionCheck:
                 return Collision(index, self._name(pair), overlaps[pair])
         return None
 
-    def _overlaps(self, q: np.ndarray) -> dict[tuple[int, int], float]:
-        """Overlap of each pair of bodies that collide at `q` (n,), deepest contact [m]."""
+    def _overlaps(self, q: Array) -> dict[tuple[int, int], float]:
+        """Return the overlap of each pair of bodies that collide at `q` (n,), deepest contact [m]."""
         model, data = self._model, self._data
         data.qpos[:] = q
         mujoco.mj_kinematics(model, data)
@@ -79,7 +93,7 @@ class CollisionCheck:
                 overlaps[pair] = max(-distance, overlaps.get(pair, 0.0))
         return overlaps
 
-    def _always_overlapping(self, postures: np.ndarray) -> set[tuple[int, int]]:
+    def _always_overlapping(self, postures: Array) -> set[tuple[int, int]]:
         overlapping: set[tuple[int, int]] | None = None
         for q in postures:
             found = {pair for pair in self._overlaps(q) if not any(map(self._is_load, pair))}
@@ -112,29 +126,38 @@ class CollisionCheck:
 
 
 def _with_load(config: Config, robot: Robot) -> mujoco.MjModel:
-    """The robot's model with the tray and the objects as bodies fixed to the tool."""
+    """Compile the robot's model with the tray and the objects as bodies fixed to the tool."""
     spec = robot.spec.copy()
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_FILTERPARENT)
-    site = spec.site(TRAY_SITE)
-    tray = site.parent.add_body(name=f"{PREFIX}tray", pos=site.pos, quat=site.quat)
-    solid = {"default": USUAL.default, "contype": EVERYTHING, "conaffinity": EVERYTHING}
-    tray.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=np.array(config.carried_tray.size) / 2, **solid)
-    for name, placement in placements(config).items():
-        shape = config.objects[name]
-        half_turn = placement.yaw / 2
-        body = tray.add_body(
-            name=f"{PREFIX}{name}", pos=placement.position, quat=[np.cos(half_turn), 0, 0, np.sin(half_turn)]
-        )
-        if shape.size is not None:
-            body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=np.array(shape.size) / 2, **solid)
-        else:
-            size = [shape.radius, placement.half_height, 0]
-            body.add_geom(type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=size, **solid)
+    if robot.has_carrier:
+        site = spec.site(CARRIER_SITE)
+        name = "carrier" if config.tray is None else "tray"
+        carrier = site.parent.add_body(name=f"{PREFIX}{name}", pos=site.pos, quat=site.quat)
+        if config.tray is not None:
+            _add_solid(carrier, mujoco.mjtGeom.mjGEOM_BOX, np.array(config.tray.size) / 2)
+        if config.objects:
+            _add_objects(carrier, config)
     return spec.compile()
 
 
+def _add_objects(carrier: mujoco.MjsBody, config: Config) -> None:
+    for name, placement in placements(config).items():
+        shape = config.objects[name]
+        quaternion = np.zeros(4)
+        mujoco.mju_mat2Quat(quaternion, placement.rotation.ravel())
+        body = carrier.add_body(name=f"{PREFIX}{name}", pos=placement.position, quat=quaternion)
+        if shape.size is not None:
+            _add_solid(body, mujoco.mjtGeom.mjGEOM_BOX, np.array(shape.size) / 2)
+        else:
+            _add_solid(body, mujoco.mjtGeom.mjGEOM_CYLINDER, np.array([shape.radius, placement.half_height, 0.0]))
+
+
+def _add_solid(body: mujoco.MjsBody, kind: mujoco.mjtGeom, size: Array) -> None:
+    body.add_geom(USUAL.default, type=kind, size=size, contype=EVERYTHING, conaffinity=EVERYTHING)
+
+
 def _adjacent(model: mujoco.MjModel) -> set[tuple[int, int]]:
-    """Pairs of neighbours in the chain of links; links that are fixed to each other count as one.
+    """Return the pairs of neighbours in the chain of links; links that are fixed to each other count as one.
 
     The tray and the objects are neighbours of nothing: they may well hit the last but one link.
     """
@@ -149,7 +172,7 @@ def _adjacent(model: mujoco.MjModel) -> set[tuple[int, int]]:
 
 
 def _carries(model: mujoco.MjModel, body: int, child: int) -> bool:
-    """Whether `body` moves, or, if it stands still, is one of those that `child` hangs from."""
+    """Return True if `body` moves, or if it stands still and `child` hangs from it."""
     ancestors = {0}
     while child:
         child = int(model.body_parentid[child])
@@ -159,3 +182,35 @@ def _carries(model: mujoco.MjModel, body: int, child: int) -> bool:
 
 def _shown(name: str) -> str:
     return name.removeprefix(PREFIX)
+
+
+def first_touch(robot: Robot, q: Array, rail: RailConfig) -> Collision | None:
+    """Find the first posture in which a body overlaps a rail.
+
+    The hand that rests on the rail and the body that the hand hangs from may touch it. Every geom counts, also one
+    that collides with nothing else.
+
+    Args:
+        robot: walking robot with the hand of the rail
+        q: coordinates, (T, n)
+        rail: the rail
+    """
+    spec, quaternion, (middle, axes, half) = robot.spec.copy(), np.zeros(4), rail_box(rail)
+    mujoco.mju_mat2Quat(quaternion, axes.ravel())
+    box = mujoco.mjtGeom.mjGEOM_BOX
+    spec.worldbody.add_geom(USUAL.default, type=box, name=RAIL, size=half, pos=middle, quat=quaternion)
+    model = spec.compile()
+    data, bar = mujoco.MjData(model), model.geom(RAIL).id
+    hand = int(model.site(rail.contact).bodyid[0])
+    allowed = {0, hand, int(model.body_parentid[hand])}
+    near = model.geom_rbound + model.geom_rbound[bar]
+    for t, qt in enumerate(q):
+        data.qpos[:] = qt
+        mujoco.mj_kinematics(model, data)
+        away = np.linalg.norm(data.geom_xpos - data.geom_xpos[bar], axis=1)
+        for geom in np.flatnonzero(away < near):
+            body = int(model.geom_bodyid[geom])
+            gap = 0.0 if body in allowed else mujoco.mj_geomDistance(model, data, bar, int(geom), 1.0, None)
+            if gap < -TOUCH:
+                return Collision(t, (model.body(body).name, "the rail"), -gap)
+    return None

@@ -1,4 +1,4 @@
-"""Path of a robot on its feet: footsteps turned into coordinates q(s) by inverse kinematics.
+"""The path of a walking robot: footsteps turned into coordinates q(s) by inverse kinematics.
 
 The pelvis stays upright at its height; its place in the plane and the twelve joints of the legs follow from the centre
 of mass and the poses of the two soles, fourteen equations for as many unknowns, solved by Newton's method along the
@@ -14,13 +14,14 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
+from robustopt.arrays import Array
 from robustopt.config import HANDS, Config, RailConfig
 from robustopt.errors import PathError
-from robustopt.path import Path
+from robustopt.path.collision import CollisionCheck, first_touch
 from robustopt.path.footsteps import Footsteps, footsteps
-from robustopt.robot.walker import Walker
-
-Array = np.ndarray
+from robustopt.path.path import Path
+from robustopt.path.reach import limit_sentence
+from robustopt.robot import Robot
 
 POINTS_PER_PHASE = 60
 """Inverse kinematics per phase: the soles of standing feet stay within micrometres of their places in between."""
@@ -33,51 +34,39 @@ LONGEST_STEP = 0.3
 """Longest step of an iteration [rad or m]: the linearisation does not reach further."""
 
 LIMIT_TOLERANCE = 1e-6
-"""How far a joint may be beyond its limit [rad]: rounding."""
+"""Largest distance of a joint beyond its limit [rad]: rounding."""
 
 POINTS_PER_CHECK = 10
 """Points in each interval between two solutions at which the joint limits are checked."""
 
 PULL = 0.05
-"""Part of the way to the posture of the model that a redundant arm goes from one solution to the next."""
+"""Share of the way to the posture of the model that a redundant arm goes from one solution to the next."""
 
 STARTS, SETTLING = 16, 20
-"""Postures of an arm from which that at the start of the path is sought, and steps in which it settles there."""
+"""Number of postures of an arm from which its posture at the start is sought, and of steps in which it settles."""
 
 SAME_POSTURE = 1e-2
-"""Two of them that have come this close to each other are the same [rad or m]."""
+"""Two settled postures that are this close to each other are the same [rad or m]."""
 
 SETTLING_PULL = 0.5
-"""Part of the way to the posture of the model that an arm goes in each of these steps."""
+"""Share of the way to the posture of the model that an arm goes in each settling step."""
 
 
-class WalkingPath(Path):
-    """q(s) of a walking robot: one piece, C4; `footsteps` says when which foot stands where.
+def walking_path(config: Config, robot: Robot) -> Path:
+    """Build the path of a configuration with `path.steps`.
 
-    `switches` (2 K,): s at which a foot lifts or lands; the robot does not stop there.
+    Raises:
+        PathError: if a foothold or the rail is out of reach, a joint leaves its range, or bodies collide
     """
-
-    def __init__(self, steps: Footsteps, s: Array, q: Array) -> None:
-        borders = np.linspace(0.0, 1.0, steps.phases + 1)
-        super().__init__([make_interp_spline(s, q, k=5)], np.array([0.0, 1.0]), borders, "path.steps")
-        self.footsteps = steps
-        self.stances = steps.stances
-        self.switches = borders[1:-1]
-
-    def label(self, s: float) -> str:
-        """Where `s` is, e.g. "during steps[0], right foot in the air, at 40 %"."""
-        return self.footsteps.label(s)
-
-
-def build_walking_path(config: Config, walker: Walker) -> WalkingPath:
-    """The path of the configuration. Raises PathError where the legs are too short or a joint leaves its range."""
     steps = footsteps(config)
     s = np.linspace(0.0, 1.0, POINTS_PER_PHASE * steps.phases + 1)
+    ends, borders = np.array([0.0, 1.0]), np.linspace(0.0, 1.0, steps.phases + 1)
     failures = []
-    for start in _starts(config, walker, steps):
+    for start in _starts(config, robot, steps):
         try:
-            path = WalkingPath(steps, s, _followed(walker, steps, s, start))
-            _require_limits(path, walker, s)
+            q = _followed(robot, steps, s, start)
+            path = Path([make_interp_spline(s, q, k=5)], ends, borders, "path.steps", steps)
+            _require_limits(path, steps, robot, s)
         except PathError as error:
             failures.append(error)
         else:
@@ -85,18 +74,18 @@ def build_walking_path(config: Config, walker: Walker) -> WalkingPath:
     else:
         raise failures[0]
     if config.robot.collision.check:
-        _require_no_collision(path, walker, s)
+        _require_no_collision(path, steps, config, robot, s)
         if config.path.rail is not None:
-            _require_no_touch(path, walker, s, config.path.rail)
+            _require_no_touch(path, robot, s, config.path.rail)
     return path
 
 
-def _followed(walker: Walker, steps: Footsteps, s: Array, start: Array) -> Array:
-    """q (P, n) at the places s (P,), one after the other from near the start (n,)."""
-    q = np.empty((len(s), walker.n))
+def _followed(robot: Robot, steps: Footsteps, s: Array, start: Array) -> Array:
+    """Solve for q (P, n) at the places s (P,), one after the other from near the start (n,)."""
+    q = np.empty((len(s), robot.n))
     guess = start
     for i, si in enumerate(s):
-        guess, errors = _solve(walker, steps, float(si), guess, PULL if i else 0.0)
+        guess, errors = _solve(robot, steps, float(si), guess, PULL if i else 0.0)
         if max(errors.values()) > ACCURACY:
             lost = max(errors, key=lambda name: errors[name])
             raise PathError(*_unreachable(steps, float(si), lost))
@@ -104,16 +93,19 @@ def _followed(walker: Walker, steps: Footsteps, s: Array, start: Array) -> Array
     return q
 
 
-def _starts(config: Config, walker: Walker, steps: Footsteps) -> Iterator[Array]:
-    """Postures (n,) near which the path may start: that of the model; with a hand on a rail others too, since an arm
-    may have several ways to reach its place."""
-    posture = walker.posture.copy()
+def _starts(config: Config, robot: Robot, steps: Footsteps) -> Iterator[Array]:
+    """Yield postures (n,) near which the path may start.
+
+    The first is the posture of the model. With a hand on a rail others follow: an arm may reach its place in several
+    ways.
+    """
+    posture = robot.posture.copy()
     posture[:2] = steps.com(0.0)
     if config.path.rail is None:
         yield posture
         return
-    arm, rng = walker.limbs[config.path.rail.contact], np.random.default_rng(0)
-    lower, upper = walker.limits.lower[arm], walker.limits.upper[arm]
+    arm, rng = robot.limbs[config.path.rail.contact], np.random.default_rng(0)
+    lower, upper = robot.limits.lower[arm], robot.limits.upper[arm]
     low, high = np.clip(lower, -np.pi, np.pi), np.clip(upper, -np.pi, np.pi)
     known: list[Array] = []
     for k in range(STARTS):
@@ -121,8 +113,8 @@ def _starts(config: Config, walker: Walker, steps: Footsteps) -> Iterator[Array]
         if k:
             q[arm] = low + (high - low) * rng.random(len(arm))
         for _ in range(SETTLING):
-            q, _ = _solve(walker, steps, 0.0, q, SETTLING_PULL, iterations=1)
-        q, errors = _solve(walker, steps, 0.0, q)
+            q, _ = _solve(robot, steps, 0.0, q, SETTLING_PULL, iterations=1)
+        q, errors = _solve(robot, steps, 0.0, q)
         usable = max(errors.values()) <= ACCURACY and bool(np.all((q[arm] >= lower) & (q[arm] <= upper)))
         if k == 0 or (usable and all(np.abs(q - other).max() > SAME_POSTURE for other in known)):
             known.append(q)
@@ -130,54 +122,67 @@ def _starts(config: Config, walker: Walker, steps: Footsteps) -> Iterator[Array]
 
 
 def _solve(
-    walker: Walker, steps: Footsteps, s: float, q: Array, pull: float = 0.0, iterations: int = ITERATIONS
+    robot: Robot, steps: Footsteps, s: float, q: Array, pull: float = 0.0, iterations: int = ITERATIONS
 ) -> tuple[Array, dict[str, float]]:
-    """q (n,) near the given one with the centre of mass and all contacts in their places at s, and the errors left, by
-    contact and `com`.
+    """Put the centre of mass and all contacts in their places at s by Newton's method.
 
-    pull: part of the way to the posture of the model that joints go which are left free
+    Args:
+        robot: the robot
+        steps: its footsteps
+        s: place on the path
+        q: coordinates to start from, (n,)
+        pull: share of the way to the posture of the model that a redundant arm goes
+        iterations: largest number of steps
+
+    Returns:
+        q (n,) after the last step, and the errors left by contact and `com` [m and rad]
     """
     places, com = steps.at(s), steps.com(s)
-    names = list(walker.contacts)
-    free = np.concatenate([[0, 1], *(walker.limbs[name] for name in names)])
-    redundant = len(free) > 2 + 6 * len(names)
+    wanted = [places[name] for name in robot.contacts]
+    limbs = list(robot.limbs.values())
+    free = np.concatenate([[0, 1], *limbs])
+    redundant = len(free) > 2 + 6 * len(wanted)
     q = q.copy()
-    place = np.array([places[name].position for name in names])
-    back = np.array([places[name].axes.T for name in names])
+    place, back = np.array([item.position for item in wanted]), np.array([item.axes.T for item in wanted])
     for k in range(iterations):
-        center, com_jacobian, position, rotation, jacobians = walker.contacts_and_com(q)
+        center, com_jacobian, position, rotation, jacobians = robot.contacts_and_com(q)
         turn = rotation @ back
-        tilt = np.stack([turn[:, 1, 2] - turn[:, 2, 1], turn[:, 2, 0] - turn[:, 0, 2],
-                         turn[:, 0, 1] - turn[:, 1, 0]], axis=1)  # fmt: skip
-        poses = np.concatenate([place - position, 0.5 * tilt], axis=1)
+        poses = np.concatenate([place - position, 0.5 * _tilt(turn)], axis=1)
         error = np.concatenate([com - center[:2], poses.ravel()])
         size = float(np.abs(error).max())
         pulled = redundant and pull > 0.0 and k == 0
         if size < ACCURACY and not pulled:
             break
-        J = np.concatenate([com_jacobian[:2], jacobians.reshape(-1, walker.n)])[:, free]
+        J = np.concatenate([com_jacobian[:2], jacobians.reshape(-1, robot.n)])[:, free]
         if redundant or size > 1e-3:
             step, *_ = np.linalg.lstsq(J, error)
         else:
             step = np.linalg.solve(J, error)
-        if pulled:
-            wish = pull * (walker.posture - q)[free]
-            wish[: -len(walker.limbs[names[-1]])] = 0.0
+        if pulled:  # the last limb is the arm; in the null space of J it moves without its hand
+            wish = pull * (robot.posture - q)[free]
+            wish[: -len(limbs[-1])] = 0.0
             step = step + wish - np.linalg.lstsq(J, J @ wish)[0]
         q[free] += step * min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), LONGEST_STEP))
-    flipped = np.einsum("kii->k", turn) < 1.0
+    flipped = np.einsum("kii->k", turn) < 1.0  # the small-angle tilt vanishes at half a turn too
     left = np.where(flipped, np.pi, np.abs(poses).max(axis=1))
-    return q, dict(zip(names, left.tolist(), strict=True)) | {"com": float(np.abs(error[:2]).max())}
+    return q, dict(zip(robot.contacts, left.tolist(), strict=True)) | {"com": float(np.abs(error[:2]).max())}
+
+
+def _tilt(turn: Array) -> Array:
+    """Return twice the small rotation vectors (k, 3) that undo the rotations `turn` (k, 3, 3)."""
+    return np.stack(
+        [turn[:, 1, 2] - turn[:, 2, 1], turn[:, 2, 0] - turn[:, 0, 2], turn[:, 0, 1] - turn[:, 1, 0]], axis=1
+    )
 
 
 def _key(steps: Footsteps, s: float) -> str:
-    """Key of the start or of the step that a place on the path belongs to."""
+    """Return the key of the start or of the step to which a place on the path belongs."""
     phase = min(int(s * steps.phases), steps.phases - 1)
     return "path.start" if phase == 0 else f"path.steps[{min((phase - 1) // 2, len(steps.swings) - 1)}]"
 
 
 def _unreachable(steps: Footsteps, s: float, lost: str) -> tuple[str, str]:
-    """What is out of reach at s, and the key of it; lost: contact that is furthest from its place."""
+    """Return a message about the contact `lost`, which is out of reach at s, and the key to change."""
     if lost in HANDS:
         message = (
             f"{steps.label(s)}: the {_words(lost)} does not reach its place on the rail; expected a rail that is "
@@ -192,44 +197,42 @@ def _words(name: str) -> str:
     return name.replace("_", " ")
 
 
-def _require_no_collision(path: WalkingPath, walker: Walker, s: Array) -> None:
-    """Raise PathError where bodies that can touch each other do, such as the legs."""
-    found = walker.first_collision(path(s))
+def _require_no_collision(path: Path, steps: Footsteps, config: Config, robot: Robot, s: Array) -> None:
+    """Check that no two bodies collide, such as the legs."""
+    found = CollisionCheck(config, robot).first(path(s))
     if found is not None:
-        index, (first, second), depth = found
+        first, second = found.bodies
         raise PathError(
-            f"{path.label(float(s[index]))}: {first} and {second} collide, {1000 * depth:.1f} mm deep; expected feet "
-            "further apart, or robot.collision.check: false",
-            key=_key(path.footsteps, float(s[index])),
+            f"{path.label(float(s[found.index]))}: {first} and {second} collide, {1000 * found.depth:.1f} mm deep; "
+            f"expected feet further apart, or, if they may touch, [{first}, {second}] in robot.collision.exclude",
+            key=_key(steps, float(s[found.index])),
         )
 
 
-def _require_no_touch(path: WalkingPath, walker: Walker, s: Array, rail: RailConfig) -> None:
-    """Raise PathError where the robot runs into the rail that its hand is on."""
-    found = walker.first_touch(path(s), rail)
+def _require_no_touch(path: Path, robot: Robot, s: Array, rail: RailConfig) -> None:
+    """Check that the robot does not run into the rail that its hand is on."""
+    found = first_touch(robot, path(s), rail)
     if found is not None:
-        index, body, depth = found
+        body, bar = found.bodies
         raise PathError(
-            f"{path.label(float(s[index]))}: {body} and the rail collide, {1000 * depth:.1f} mm deep; expected another "
-            "place of the rail, a shorter one, or robot.collision.check: false",
+            f"{path.label(float(s[found.index]))}: {body} and {bar} collide, {1000 * found.depth:.1f} mm deep; "
+            "expected another place of the rail, a shorter one, or robot.collision.check: false",
             key="path.rail.at",
         )
 
 
-def _require_limits(path: WalkingPath, walker: Walker, s: Array) -> None:
-    """Raise PathError where a joint is furthest beyond its range, along the whole path."""
+def _require_limits(path: Path, steps: Footsteps, robot: Robot, s: Array) -> None:
+    """Check that all joints stay within their ranges along the whole path."""
     fine = np.linspace(0.0, 1.0, POINTS_PER_CHECK * (len(s) - 1) + 1)
     q = path(fine)
-    beyond = np.maximum(walker.limits.lower - q, q - walker.limits.upper)
+    beyond = np.maximum(robot.limits.lower - q, q - robot.limits.upper)
     worst, joint = np.unravel_index(int(np.argmax(beyond)), beyond.shape)
     if beyond[worst, joint] <= LIMIT_TOLERANCE:
         return
-    value, upper = q[worst, joint], walker.limits.upper[joint]
-    limit = upper if value > upper else walker.limits.lower[joint]
-    of_hand = any(joint in walker.limbs[name] for name in walker.limbs if name in HANDS)
+    of_hand = any(joint in robot.limbs[name] for name in robot.limbs if name in HANDS)
     remedy = "a shorter step, another path.pelvis_height, or another place of the feet"
     raise PathError(
-        f"{path.label(float(fine[worst]))}: {walker.joint_names[joint]} would be at {value:.3f} rad, beyond its limit "
-        f"of {limit:.3f} rad; expected {'another place of the rail' if of_hand else remedy}",
-        key="path.rail.at" if of_hand else _key(path.footsteps, float(fine[worst])),
+        f"{path.label(float(fine[worst]))}: {limit_sentence(robot, q[worst])}; expected "
+        f"{'another place of the rail' if of_hand else remedy}",
+        key="path.rail.at" if of_hand else _key(steps, float(fine[worst])),
     )

@@ -1,4 +1,4 @@
-"""How a learner came to its plan: the interval that shrinks, the duration and the success of every plan it tried."""
+"""Progress of a learning run: interval of the parameter, duration and success of every plan in order."""
 
 from __future__ import annotations
 
@@ -19,17 +19,23 @@ MARKS = {
     "success": ("o", GREEN), "failure": ("x", VERMILLION), "undecided": ("x", GREY), "infeasible": ("s", GREY),
     "not faster": (".", GREY), "not executed": ("D", BLUE),
 }  # fmt: skip
-"""Marker and colour of each result."""
+"""Marker and colour by result."""
 
 
 def learning_figure(records: Sequence[Record], target_rate: float, title: str) -> Figure:
-    """What was believed, how long the plan was, and how often it succeeds, for every plan in order.
+    """Draw the interval of the parameter, the duration and the success rate of every plan in order.
 
-    records: of the plans, as in the summary of a run; target_rate: the success rate in question, a line
+    Args:
+        records: The plans in order, as in the summary of a run.
+        target_rate: The success rate in question, in [0, 1]; it is drawn as a line.
+        title: The title of the figure.
+
+    Returns:
+        The figure; it has a panel of success rates if any plan has one.
     """
-    panels = [_beliefs, _durations]
+    panels = [_draw_intervals, _draw_durations]
     if any(record.get("success_rate") is not None for record in records):
-        panels.append(_successes)
+        panels.append(_draw_successes)
     figure = Figure(figsize=(max(5.0, 1.5 + 0.28 * len(records)) + 1.6, 1.0 + 1.9 * len(panels)))
     axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     for panel, axis in zip(panels, axes, strict=True):
@@ -47,17 +53,17 @@ def learning_figure(records: Sequence[Record], target_rate: float, title: str) -
     return figure
 
 
-def _beliefs(axis: Axes, records: Sequence[Record]) -> None:
-    """The interval of the coefficient of friction, or the widest interval of the acceleration error."""
+def _draw_intervals(axis: Axes, records: Sequence[Record]) -> None:
+    """Draw the interval of the friction coefficient, the bounds of the duration, or the interval of the error."""
     if any(record.get("friction_high") is not None for record in records):
         edges = 0.5 + np.arange(len(records) + 1)
         low, high = ([record[key] for record in records] for key in ("friction_low", "friction_high"))
         axis.stairs(high, edges, baseline=low, fill=True, color=BLUE, alpha=0.15)
         axis.stairs(high, edges, baseline=None, color=BLUE, linewidth=1.0)
         axis.stairs(low, edges, baseline=None, color=BLUE, linewidth=1.0)
-        axis.use_sticky_edges = False  # else a mark at the end of the interval is cut
+        axis.use_sticky_edges = False  # otherwise a mark at the end of the interval is cut off
         _mark(axis, records, [record["friction"] for record in records])
-        axis.set_ylabel("coefficient of friction")
+        axis.set_ylabel("friction coefficient")
     elif any(record.get("incumbent") is not None for record in records):
         x = 1 + np.arange(len(records))
         for key, colour, label in (("incumbent", GREEN, "best so far"), ("lower_bound", BLUE, "lower bound")):
@@ -69,12 +75,12 @@ def _beliefs(axis: Axes, records: Sequence[Record]) -> None:
         axis.set_ylabel("error interval, ±\n[rad/s² or m/s²]")
 
 
-def _durations(axis: Axes, records: Sequence[Record]) -> None:
+def _draw_durations(axis: Axes, records: Sequence[Record]) -> None:
     _mark(axis, records, [np.nan if record["duration"] is None else record["duration"] for record in records])
     axis.set_ylabel("duration [s]")
 
 
-def _successes(axis: Axes, records: Sequence[Record]) -> None:
+def _draw_successes(axis: Axes, records: Sequence[Record]) -> None:
     for i, record in enumerate(records):
         if record.get("success_rate") is not None:
             low, high = 100 * record["success_low"], 100 * record["success_high"]
@@ -86,7 +92,7 @@ def _successes(axis: Axes, records: Sequence[Record]) -> None:
 
 
 def _mark(axis: Axes, records: Sequence[Record], values: Sequence[float], joined: bool = True) -> None:
-    """Mark the plans by their results, joined by lines but where the search begins anew."""
+    """Mark the plans by their results and join them by a line, which breaks if a new search begins."""
     starts = [0, *(i for i in range(1, len(records)) if _begins_anew(records[i - 1], records[i])), len(records)]
     for start, end in pairwise(starts) if joined else ():
         axis.plot(1 + np.arange(start, end), values[start:end], color=INK, linewidth=0.6, zorder=1)
@@ -96,7 +102,7 @@ def _mark(axis: Axes, records: Sequence[Record], values: Sequence[float], joined
 
 
 def _begins_anew(before: Record, record: Record) -> bool:
-    """Whether the interval of friction is wider than it was: a search for the next K."""
+    """Return whether the interval of friction has widened, as it does when the search for the next K begins."""
     low, high = (record.get(key) for key in ("friction_low", "friction_high"))
     return low is not None and (low < before["friction_low"] or high > before["friction_high"])
 

@@ -1,6 +1,8 @@
 """The robot: model file, kinematics, dynamics, and joint limits."""
 
+from robustopt.robot.dynamics import BodyMotion, CarrierMotion, Dynamics
 from robustopt.robot.joint_limits import JointLimits
-from robustopt.robot.robot import ArmDynamics, Links, Robot, load_robot
+from robustopt.robot.robot import Robot, load_robot
+from robustopt.robot.soles import Sole
 
-__all__ = ["ArmDynamics", "JointLimits", "Links", "Robot", "load_robot"]
+__all__ = ["BodyMotion", "CarrierMotion", "Dynamics", "JointLimits", "Robot", "Sole", "load_robot"]

@@ -1,7 +1,5 @@
 """Joint limits and joint friction: from the model file, completed and overridden by `robot.limits`.
 
-Where they are read from:
-
 | limit | MJCF | URDF |
 |---|---|---|
 | position | joint `range` | `limit lower upper` |
@@ -11,7 +9,7 @@ Where they are read from:
 | dry friction | joint `frictionloss` | `dynamics friction` |
 | viscous friction | joint `damping` | `dynamics damping` |
 
-Where a file bounds a torque twice, the smaller bound holds. The control range of a motor bounds its force.
+If a file bounds a torque twice, the smaller bound holds. The control range of a motor bounds its force.
 """
 
 from __future__ import annotations
@@ -22,51 +20,75 @@ from dataclasses import dataclass, fields
 import mujoco
 import numpy as np
 
+from robustopt.arrays import Array
 from robustopt.config import Config
 from robustopt.errors import ConfigProblem, RobotError
-from robustopt.robot.model_file import RobotModel, joint_names
+from robustopt.robot.model_file import joint_names
+from robustopt.robot.preparation import RobotModel
 
 VELOCITY_NUMERIC = "velocity_limit"
 ACCELERATION_NUMERIC = "acceleration_limit"
 REQUIRED_UNITS = {"velocity": "rad/s or m/s", "acceleration": "rad/s^2 or m/s^2", "torque": "N m or N"}
+FRICTIONS = ("dry_friction", "viscous_friction")
 
 
 @dataclass(frozen=True)
 class JointLimits:
-    """Limits of the joints, shape (n,) each.
+    """The limits of the coordinates of a robot, shape (n,) each.
 
-    `lower`, `upper`: position [rad or m], infinite where the joint is not limited. `velocity`, `acceleration`,
-    `torque`: largest absolute values [rad/s, rad/s^2, N m; for slides m/s, m/s^2, N]. `dry_friction` [N m or N] and
-    `viscous_friction` [N m s/rad or N s/m] of the joints.
+    Attributes:
+        lower, upper: position [rad or m], infinite if the joint is not limited.
+        velocity, acceleration, torque: largest absolute values [rad/s, rad/s^2, N m; for slides m/s, m/s^2, N].
+        dry_friction: of the joints [N m or N].
+        viscous_friction: of the joints [N m s/rad or N s/m].
     """
 
-    lower: np.ndarray
-    upper: np.ndarray
-    velocity: np.ndarray
-    acceleration: np.ndarray
-    torque: np.ndarray
-    dry_friction: np.ndarray
-    viscous_friction: np.ndarray
+    lower: Array
+    upper: Array
+    velocity: Array
+    acceleration: Array
+    torque: Array
+    dry_friction: Array
+    viscous_friction: Array
 
     def __post_init__(self) -> None:
         for item in fields(self):
             getattr(self, item.name).setflags(write=False)
 
+    def behind_base(self, base: int) -> JointLimits:
+        """Return the limits with the coordinates of a floating base first, which has no limits."""
+        endless, none = np.full(base, np.inf), np.zeros(base)
+        first = dict.fromkeys(FRICTIONS, none) | {"lower": -endless}
+        padded = {
+            item.name: np.concatenate([first.get(item.name, endless), getattr(self, item.name)])
+            for item in fields(self)
+        }
+        return JointLimits(**padded)
+
 
 def joint_limits(config: Config, robot: RobotModel, names: tuple[str, ...]) -> JointLimits:
-    """Limits of the joints `names`; raises one RobotError that lists every limit that is missing."""
+    """Return the limits of some joints.
+
+    Args:
+        config: configuration with `robot.limits` and `robot.joint_friction`
+        robot: the robot as read from its file
+        names: names of the joints
+
+    Raises:
+        RobotError: one that lists every limit that is missing, or every joint in `robot.limits` that does not exist
+    """
     limits = _file_limits(robot)
     _override(config, robot, limits)
     chosen = [joint_names(robot.original).index(name) for name in names]
     limits = {kind: values[chosen] for kind, values in limits.items()}
     _require(config, robot, names, limits)
     if not config.robot.joint_friction:
-        limits |= {"dry_friction": np.zeros(len(names)), "viscous_friction": np.zeros(len(names))}
+        limits |= {name: np.zeros(len(names)) for name in FRICTIONS}
     return JointLimits(**limits)
 
 
-def _file_limits(robot: RobotModel) -> dict[str, np.ndarray]:
-    """What the model file says, one value per joint of the file, NaN where it says nothing."""
+def _file_limits(robot: RobotModel) -> dict[str, Array]:
+    """Return the limits in the model file, one value per joint of the file, NaN for a missing one."""
     model = robot.original
     limited = model.jnt_limited.astype(bool)
     return {
@@ -80,8 +102,8 @@ def _file_limits(robot: RobotModel) -> dict[str, np.ndarray]:
     }
 
 
-def _numeric(robot: RobotModel, numeric: str, urdf: Mapping[str, float]) -> np.ndarray:
-    """Limits from `<custom><numeric>`, which MJCF files may carry, or else from the URDF."""
+def _numeric(robot: RobotModel, numeric: str, urdf: Mapping[str, float]) -> Array:
+    """Return limits from a `<custom><numeric>`, which MJCF files may carry, or else from the URDF."""
     model, names = robot.original, joint_names(robot.original)
     found = [model.numeric(index).name for index in range(model.nnumeric)]
     if numeric not in found:
@@ -96,8 +118,8 @@ def _numeric(robot: RobotModel, numeric: str, urdf: Mapping[str, float]) -> np.n
     return np.where(data > 0, data, np.nan)
 
 
-def _torque(model: mujoco.MjModel) -> np.ndarray:
-    """Torque limits: the smaller of `actuatorfrcrange` of the joint and what its only actuator can give."""
+def _torque(model: mujoco.MjModel) -> Array:
+    """Return torque limits: the smaller of the joint's `actuatorfrcrange` and the force of its only actuator."""
     limits = np.full(model.njnt, np.nan)
     on_joint = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
     for joint in range(model.njnt):
@@ -111,8 +133,7 @@ def _torque(model: mujoco.MjModel) -> np.ndarray:
 
 
 def _largest_forces(model: mujoco.MjModel, actuator: int) -> list[float]:
-    """What bounds the force of an actuator: its force range, and the range of its control where that is the force
-    times a gain, as it is of a motor."""
+    """List the bounds on an actuator's force: its force range and, for a motor, its control range times its gain."""
     forces = [_symmetric(model.actuator_forcerange[actuator])] if model.actuator_forcelimited[actuator] else []
     is_motor = (
         model.actuator_dyntype[actuator] == mujoco.mjtDyn.mjDYN_NONE
@@ -124,13 +145,13 @@ def _largest_forces(model: mujoco.MjModel, actuator: int) -> list[float]:
     return forces
 
 
-def _symmetric(limits: np.ndarray) -> float:
-    """The smaller side of a range: torque is limited alike both ways (our choice)."""
+def _symmetric(limits: Array) -> float:
+    """Return the smaller side of a range: torque is limited alike both ways (our choice)."""
     return float(min(-limits[0], limits[1]))
 
 
-def _override(config: Config, robot: RobotModel, limits: dict[str, np.ndarray]) -> None:
-    """Put the values of `robot.limits` in place: first those of `all`, then those of each joint."""
+def _override(config: Config, robot: RobotModel, limits: dict[str, Array]) -> None:
+    """Put the values of `robot.limits` in place: first those for `all`, then those for each joint."""
     names = joint_names(robot.original)
     given = config.robot.limits
     unknown = [name for name in given if name != "all" and name not in names]
@@ -149,13 +170,13 @@ def _override(config: Config, robot: RobotModel, limits: dict[str, np.ndarray]) 
         override = given[name]
         if override.position is not None:
             limits["lower"][joints], limits["upper"][joints] = override.position
-        for kind in ("velocity", "acceleration", "torque", "dry_friction", "viscous_friction"):
+        for kind in ("velocity", "acceleration", "torque", *FRICTIONS):
             value = getattr(override, kind)
             if value is not None:
                 limits[kind][joints] = value
 
 
-def _require(config: Config, robot: RobotModel, names: tuple[str, ...], limits: dict[str, np.ndarray]) -> None:
+def _require(config: Config, robot: RobotModel, names: tuple[str, ...], limits: dict[str, Array]) -> None:
     problems = []
     for kind, unit in REQUIRED_UNITS.items():
         missing = [name for name, value in zip(names, limits[kind], strict=True) if np.isnan(value)]

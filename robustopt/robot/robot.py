@@ -1,114 +1,128 @@
-"""The robot that carries the tray: kinematics, dynamics and limits, for all points of a path at once.
+"""The robot of a configuration: kinematics, dynamics and limits, for all points of a path at once.
 
-The model is the arm alone, with its tool. Contacts, constraints, joint damping, dry friction and gravity compensation
-are switched off in it: limits and joint friction are data of `JointLimits`, and the load is added by the caller.
+An arm and a walking robot are one class. A walking robot has six base coordinates before its joints, which no motor
+drives, and environment contacts: its feet, and a hand that rests on a rail. Contacts, constraints, joint damping, dry
+friction and gravity compensation are switched off in the model. Limits and joint friction are data of `JointLimits`;
+the caller adds the payload.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
 
 import mujoco
 import numpy as np
 
-from robustopt.config import Config
+from robustopt.arrays import Array, Indices
+from robustopt.config import FEET, HANDS, Config
+from robustopt.errors import RobotError
+from robustopt.robot import dynamics
+from robustopt.robot.dynamics import BodyMotion, Dynamics, Frames
+from robustopt.robot.floating_base import free_joint_positions
 from robustopt.robot.joint_limits import JointLimits, joint_limits
-from robustopt.robot.model_file import TRAY_SITE, compile_spec, joint_names, load_model
+from robustopt.robot.model_file import compile_spec, joint_names
+from robustopt.robot.preparation import CARRIER_SITE, RobotModel, load_model
+from robustopt.robot.soles import Sole
 
-__all__ = ["ArmDynamics", "JointLimits", "Robot", "load_robot"]
+LEAST_JOINTS = 6
+"""Joints of a limb: at least as many as the pose of its foot or hand has coordinates."""
 
 
-@dataclass(frozen=True)
-class ArmDynamics:
-    """Dynamics of the arm alone along a path q(s), at P points.
+class Robot:
+    """A robot without actuators, contacts and payload.
 
-    With u = sdd and x = sd^2, and without joint friction, the joint torque is `tau_u * u + tau_x * x + tau_0`, and the
-    tray frame accelerates by `jacobian @ q1 * u + (jacobian @ q2 + bias) * x`.
-
-    `tau_u`, `tau_x`, `tau_0`: (P, n) [N m or N]. `mass_matrix`: (P, n, n), armature included. `position` (P, 3) [m] and
-    `rotation` (P, 3, 3): tray frame in the world. `jacobian`: (P, 6, n) of the tray's origin, rows linear then angular,
-    tray frame. `bias`: (P, 6) acceleration of the tray frame at qd = q'(s), qdd = 0, linear then angular, tray frame
-    [m/s^2, rad/s^2]. `gravity`: (P, 3), tray frame [m/s^2].
+    Attributes:
+        n: number of coordinates.
+        base: number of the coordinates that belong to a floating base: 6 of a walking robot, else 0.
+        motors: slice of the coordinates that motors drive.
+        joint_names: names of the coordinates, base first, (n,).
+        limits: of the coordinates, infinite for the base.
+        hinges: True for a coordinate that turns, False for one that slides, (n,).
+        ranges: of the joints in the model file, (n, 2) [rad or m].
+        spec: the links, to be copied and added to.
+        world_spec: the links with a free joint in place of the base coordinates, for simulations.
+        original: the model as its file has it, with all joints and actuators.
+        notes: content of the model file that was left out, in words.
+        up: unit vector against gravity, world, (3,).
+        mass: of all links [kg].
+        body_names: names of the bodies that have a mass.
+        posture: position that coordinates keep if the path does not prescribe it, (n,) [rad or m].
+        contacts: contact points of the environment contacts, by name.
+        chains: indices of the joints between the base and a contact, by contact.
+        limbs: indices of the joints that move a contact and no other foot or hand, by contact; six for a foot, at least
+            six for a hand.
+        has_carrier: True if the robot has a carrier frame.
+        hands: several hands that hold the tray together, () for a single tool.
     """
 
-    tau_u: np.ndarray
-    tau_x: np.ndarray
-    tau_0: np.ndarray
-    mass_matrix: np.ndarray
-    rotation: np.ndarray
-    position: np.ndarray
-    jacobian: np.ndarray
-    bias: np.ndarray
-    gravity: np.ndarray
-
-    def __post_init__(self) -> None:
-        for item in fields(self):
-            getattr(self, item.name).setflags(write=False)
-
-
-class Links:
-    """What an arm and a robot on its feet have in common: links without actuators, joints and their limits.
-
-    `hinges` (n,): whether a joint turns (or slides). `ranges` (n, 2): of the joints in the model file [rad or m].
-    `spec`: the links, to be copied and added to. `notes`: what of the model file was left out.
-    """
-
-    def __init__(self, spec: mujoco.MjSpec, model: mujoco.MjModel, limits: JointLimits, notes: tuple[str, ...]) -> None:
-        switch_off_all_but_the_links(model)
-        self.spec = spec
-        self.joint_names = joint_names(model)
-        self.n = model.nv
-        self.limits = limits
+    def __init__(self, parts: RobotModel, model: mujoco.MjModel, limits: JointLimits) -> None:
+        _switch_off_all_but_the_links(model)
+        self.spec, self.world_spec = parts.spec, parts.world_spec
+        self.original, self.notes = parts.original, parts.notes
+        self.base, self.motors = parts.base, slice(parts.base, None)
+        self.n, self.joint_names, self.limits = model.nv, joint_names(model), limits
         self.hinges = model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE
         self.ranges = model.jnt_range.copy()
-        self.notes = notes
-        self._model = model
-        self._data = mujoco.MjData(model)
+        gravity = np.array(model.opt.gravity)
+        size = float(np.linalg.norm(gravity))
+        self.up: Array = -gravity / size if size > 0 else np.array([0.0, 0.0, 1.0])
+        self.mass = float(model.body_mass.sum())
+        self.body_names = tuple(model.body(k).name for k in range(model.nbody) if model.body_mass[k] > 0)
+        self.posture: Array = model.qpos0.copy() if parts.posture is None else parts.posture
+        self.contacts: dict[str, Sole] = dict(parts.contacts)
+        self._model, self._data = model, mujoco.MjData(model)
+        self._sites = {name: model.site(name).id for name in self.contacts}
+        sites = [model.site(k).name for k in range(model.nsite)]
+        self._frames = Frames(
+            base=self.base,
+            contacts={name: int(model.site_bodyid[site]) for name, site in self._sites.items()},
+            carrier=model.site(CARRIER_SITE).id if CARRIER_SITE in sites else None,
+            holders=tuple((model.body(hand.body).id, hand.share) for hand in parts.hands),
+        )
+        self.hands = parts.hands
+        self.has_carrier = self._frames.carrier is not None
+        self.chains = {name: self._chain(name) for name in self.contacts}
+        self.limbs = {name: self._limb(name) for name in self.contacts}
 
+    # Kinematics -------------------------------------------------------------------------------------------
 
-class Robot(Links):
-    """An arm with `n` joints that carries a tray.
+    def carrier_pose(self, q: Array) -> tuple[Array, Array]:
+        """Return the carrier frame in the world.
 
-    `up` (3,): unit vector against gravity, world
-    """
+        Args:
+            q: coordinates, (P, n)
 
-    def __init__(
-        self, spec: mujoco.MjSpec, model: mujoco.MjModel, limits: JointLimits, notes: tuple[str, ...] = ()
-    ) -> None:
-        super().__init__(spec, model, limits, notes)
-        self._site = model.site(TRAY_SITE).id
-        self._body = int(model.site_bodyid[self._site])
-        self._gravity = np.array(model.opt.gravity)
-        weight = float(np.linalg.norm(self._gravity))
-        self.up = -self._gravity / weight if weight > 0 else np.array([0.0, 0.0, 1.0])
-
-    def tray_pose(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Tray frame in the world at joint positions `q` (P, n): position (P, 3) [m] and rotation (P, 3, 3)."""
-        model, data = self._model, self._data
+        Returns:
+            position (P, 3) [m] and rotation (P, 3, 3)
+        """
+        model, data, site = self._model, self._data, self._carrier()
         position, rotation = np.empty((len(q), 3)), np.empty((len(q), 9))
         for i, qi in enumerate(q):
             data.qpos[:] = qi
             mujoco.mj_kinematics(model, data)
-            position[i] = data.site_xpos[self._site]
-            rotation[i] = data.site_xmat[self._site]
+            position[i] = data.site_xpos[site]
+            rotation[i] = data.site_xmat[site]
         return position, rotation.reshape(-1, 3, 3)
 
-    def tray_jacobian(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Tray frame in the world at one joint position `q` (n,).
+    def carrier_jacobian(self, q: Array) -> tuple[Array, Array, Array]:
+        """Return the carrier frame and its Jacobian in the world at one set of coordinates.
 
-        Returns position (3,) [m], rotation (3, 3), and the Jacobian (6, n) of its origin, rows linear then angular,
-        in the world frame.
+        Args:
+            q: coordinates, (n,)
+
+        Returns:
+            position (3,) [m], rotation (3, 3), and the Jacobian (6, n) of the origin, linear then angular, world axes
         """
-        model, data = self._model, self._data
+        model, data, site = self._model, self._data, self._carrier()
         jacobian = np.empty((6, self.n))
         data.qpos[:] = q
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
-        mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], self._site)
-        return data.site_xpos[self._site].copy(), data.site_xmat[self._site].reshape(3, 3).copy(), jacobian
+        mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], site)
+        return data.site_xpos[site].copy(), data.site_xmat[site].reshape(3, 3).copy(), jacobian
 
-    def center_of_mass(self, q: np.ndarray) -> np.ndarray:
-        """Centre of mass of the arm in the world at joint positions `q` (P, n), shape (P, 3) [m]."""
+    def center_of_mass(self, q: Array) -> Array:
+        """Return the centre of mass of the robot in the world at coordinates q (P, n), shape (P, 3) [m]."""
         center = np.empty((len(q), 3))
         for i, qi in enumerate(q):
             self._data.qpos[:] = qi
@@ -117,69 +131,171 @@ class Robot(Links):
             center[i] = self._data.subtree_com[0]
         return center
 
-    def dynamics(self, q: np.ndarray, q1: np.ndarray, q2: np.ndarray) -> ArmDynamics:
-        """Dynamics along a path: `q`, `q1` = q'(s), `q2` = q''(s), shape (P, n) each."""
-        P, n = q.shape
-        mass_matrix, world_jacobian = np.empty((P, n, n)), np.empty((P, 6, n))
-        jacobian_rate, position = np.empty((6, n)), np.empty((P, 3))
-        rotation, bias = np.empty((P, 3, 3)), np.empty((P, 6))
-        tau_0, tau_moving = np.empty((P, n)), np.empty((P, n))
-        model, data, site, body = self._model, self._data, self._site, self._body
-        site_position, site_rotation = data.site_xpos[site], data.site_xmat[site].reshape(3, 3)
-        springs = np.any(model.jnt_stiffness) or np.any(model.jnt_stiffnesspoly) or model.ntendon
-        for i in range(P):
-            data.qpos[:] = q[i]
-            data.qvel[:] = q1[i]
-            mujoco.mj_kinematics(model, data)
-            mujoco.mj_comPos(model, data)
-            mujoco.mj_tendon(model, data)
-            mujoco.mj_makeM(model, data)
-            mujoco.mj_fullM(model, data, mass_matrix[i])
-            mujoco.mj_comVel(model, data)
-            mujoco.mj_rne(model, data, 0, tau_moving[i])
-            mujoco.mj_jacSite(model, data, world_jacobian[i, :3], world_jacobian[i, 3:], site)
-            mujoco.mj_jacDot(model, data, jacobian_rate[:3], jacobian_rate[3:], site_position, body)
-            bias[i] = jacobian_rate @ q1[i]
-            position[i], rotation[i] = site_position, site_rotation
-            data.qvel[:] = 0
-            mujoco.mj_comVel(model, data)
-            mujoco.mj_rne(model, data, 0, tau_0[i])
-            if springs:
-                mujoco.mj_passive(model, data)
-                tau_0[i] -= data.qfrc_spring
-                tau_moving[i] -= data.qfrc_spring
-        into_tray = rotation.transpose(0, 2, 1)
-        return ArmDynamics(
-            tau_u=(mass_matrix @ q1[:, :, None])[:, :, 0],
-            tau_x=(mass_matrix @ q2[:, :, None])[:, :, 0] + tau_moving - tau_0,
-            tau_0=tau_0,
-            mass_matrix=mass_matrix,
-            rotation=rotation,
-            position=position,
-            jacobian=np.concatenate((into_tray @ world_jacobian[:, :3], into_tray @ world_jacobian[:, 3:]), axis=1),
-            bias=np.concatenate(
-                ((into_tray @ bias[:, :3, None])[:, :, 0], (into_tray @ bias[:, 3:, None])[:, :, 0]), axis=1
-            ),
-            gravity=into_tray @ self._gravity,
-        )
+    def contacts_and_com(self, q: Array) -> tuple[Array, Array, Array, Array, Array]:
+        """Return centre of mass and contact frames in the world at one set of coordinates q (n,).
+
+        Returns:
+            centre of mass (3,) [m] and its Jacobian (3, n); of the k contacts position (k, 3) [m], rotation (k, 3, 3)
+            and Jacobian (k, 6, n) of their sites, linear then angular
+        """
+        model, data = self._model, self._data
+        data.qpos[:] = q
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        com_jacobian, jacobians = np.empty((3, self.n)), np.empty((len(self.contacts), 6, self.n))
+        mujoco.mj_jacSubtreeCom(model, data, com_jacobian, 0)
+        for k, site in enumerate(self._sites.values()):
+            mujoco.mj_jacSite(model, data, jacobians[k, :3], jacobians[k, 3:], site)
+        sites = list(self._sites.values())
+        position, rotation = data.site_xpos[sites].copy(), data.site_xmat[sites].reshape(-1, 3, 3).copy()
+        return data.subtree_com[0].copy(), com_jacobian, position, rotation, jacobians
+
+    def contact_points(self, q: Array) -> dict[str, Array]:
+        """Return the contact points in the world at coordinates q (T, n): (T, k, 3) by contact [m]."""
+        places = {name: np.empty((len(q), *sole.points.shape)) for name, sole in self.contacts.items()}
+        for t, qt in enumerate(q):
+            self._data.qpos[:] = qt
+            mujoco.mj_kinematics(self._model, self._data)
+            for name, site in self._sites.items():
+                rotation = self._data.site_xmat[site].reshape(3, 3)
+                places[name][t] = self._data.site_xpos[site] + self.contacts[name].points @ rotation.T
+        return places
+
+    def site_frame(self, contact: str) -> tuple[Array, Array]:
+        """Return origin (3,) [m] and axes, as columns (3, 3), of the frame of a contact in its body."""
+        site, axes = self._model.site(contact), np.zeros(9)
+        mujoco.mju_quat2Mat(axes, site.quat)
+        return site.pos.copy(), axes.reshape(3, 3)
+
+    def qpos(self, q: Array) -> Array:
+        """Return the positions of `world_spec` at coordinates q (P, n): with a floating base (P, n + 1), else q."""
+        return free_joint_positions(q) if self.base else q
+
+    # Dynamics ---------------------------------------------------------------------------------------------
+
+    def dynamics(self, q: Array, q1: Array, q2: Array) -> Dynamics:
+        """Return the inverse dynamics along a path: `q`, `q1` = q'(s), `q2` = q''(s), shape (P, n) each."""
+        return dynamics.path_dynamics(self._model, self._frames, q, q1, q2)
+
+    def inverse_dynamics(
+        self, q: Array, qd: Array, qdd: Array, bodies: Mapping[str, tuple[float, Array]] | None = None
+    ) -> tuple[Array, Array, dict[str, Array]]:
+        """Return generalised force, mass matrix and contact Jacobians at T instants, by MuJoCo's inverse dynamics.
+
+        Args:
+            q, qd, qdd: (T, n) each
+            bodies: mass [kg] and centre of mass in the body's frame (3,) [m] of bodies that differ from the model;
+                their inertia about the centre of mass scales with the mass
+
+        Returns:
+            (T, n), (T, n, n), and (T, 6, n) by contact, base rows as in `Dynamics`
+        """
+        return dynamics.inverse_dynamics(self._model, self._frames, q, qd, qdd, bodies or {})
+
+    def body_motion(self, name: str, q: Array, q1: Array, q2: Array) -> BodyMotion:
+        """Return the motion of a body's frame along a path: `q`, `q1` = q'(s), `q2` = q''(s), shape (P, n) each."""
+        return dynamics.body_motion(self._model, self.base, name, q, q1, q2)
+
+    def inertia_of(self, name: str) -> tuple[float, Array, Array]:
+        """Return the inertia of a body.
+
+        Returns:
+            mass [kg], centre of mass in the body's frame (3,) [m], inertia about it in body axes (3, 3) [kg m^2]
+        """
+        model = self._model
+        body = model.body(name).id
+        rotation = np.zeros(9)
+        mujoco.mju_quat2Mat(rotation, model.body_iquat[body])
+        turn = rotation.reshape(3, 3)
+        inertia = turn @ np.diag(model.body_inertia[body]) @ turn.T
+        return float(model.body_mass[body]), model.body_ipos[body].copy(), inertia
+
+    # Structure --------------------------------------------------------------------------------------------
+
+    def _carrier(self) -> int:
+        if self._frames.carrier is None:
+            raise RobotError("the robot carries nothing, so it has no carrier frame; give a tray or objects", "tray")
+        return self._frames.carrier
+
+    def _chain(self, site: str) -> Indices:
+        """Return the indices of the joints between the base and a site."""
+        chain: list[int] = []
+        body = int(self._model.site(site).bodyid[0])
+        while body:
+            first, count = int(self._model.body_jntadr[body]), int(self._model.body_jntnum[body])
+            chain += [k for k in range(first, first + count) if k >= self.base]
+            body = int(self._model.body_parentid[body])
+        return np.array(sorted(chain))
+
+    def _limb(self, contact: str) -> Indices:
+        """Return the indices of the joints that move this foot or hand and no other.
+
+        Raises:
+            RobotError: if a foot has not six of them, or a hand fewer
+        """
+        sites = {self._model.site(k).name for k in range(self._model.nsite)}
+        others = [self._chain(name) for name in (*FEET, *HANDS) if name in sites and name != contact]
+        limb = np.setdiff1d(self.chains[contact], np.concatenate(others))
+        foot = contact in FEET
+        if len(limb) < LEAST_JOINTS or (foot and len(limb) > LEAST_JOINTS):
+            expected = f"{'' if foot else 'at least '}{LEAST_JOINTS} that move no other foot or hand"
+            raise RobotError(f"{contact} hangs from {len(limb)} joints; expected {expected}", key="robot.model")
+        return limb
 
 
 def load_robot(config: Config) -> Robot:
-    """The robot of the configuration.
+    """Load the robot of a configuration.
 
-    Raises RobotError if the model cannot be found or read, has joints other than hinges and slides, or lacks the tool
-    or a limit.
+    Its kind is found from the model file: a free joint, its first, makes it a walking robot.
+
+    Raises:
+        RobotError: if the model cannot be found or read, does not suit the path, lacks its tool or a limit, or if
+            `uncertainty` names a body that the robot does not have
     """
-    robot = load_model(config)
-    spec = robot.spec
-    for item in [*spec.actuators, *spec.sensors]:
-        spec.delete(item)
-    spec.option.gravity = config.gravity
-    model = compile_spec(spec, robot.file)
-    return Robot(spec, model, joint_limits(config, robot, joint_names(model)), robot.notes)
+    parts = load_model(config)
+    for spec in (parts.spec, parts.world_spec):
+        for item in [*spec.actuators, *spec.sensors]:
+            spec.delete(item)
+        spec.option.gravity = config.gravity
+    model = compile_spec(parts.spec, parts.file)
+    limits = joint_limits(config, parts, joint_names(model)[parts.base :])
+    if parts.base:
+        _require_no_joint_friction(limits, parts.file.name)
+        limits = limits.behind_base(parts.base)
+    robot = Robot(parts, model, limits)
+    if robot.base:
+        _require_bodies(config, robot)
+    return robot
 
 
-def switch_off_all_but_the_links(model: mujoco.MjModel) -> None:
+def _require_no_joint_friction(limits: JointLimits, file: str) -> None:
+    if np.any(limits.dry_friction) or np.any(limits.viscous_friction):
+        raise RobotError(
+            f"{file} has friction in its joints, which a walking robot must not have; give robot.joint_friction: false",
+            key="robot.joint_friction",
+        )
+
+
+def _require_bodies(config: Config, robot: Robot) -> None:
+    """Check that `uncertainty` names bodies of the robot or held ones, with intervals around the robot's masses."""
+    uncertain, held = config.uncertainty, {"tray", *config.objects}
+    given = [("center_of_mass", name) for name in uncertain.center_of_mass]
+    given += [("mass", name) for name in uncertain.mass]
+    for key, name in given:
+        if name not in robot.body_names and name not in held:
+            known = ", ".join(robot.body_names)
+            raise RobotError(f"the robot has no body {name}; its bodies are: {known}", f"uncertainty.{key}.{name}")
+    for name, (low, high) in uncertain.mass.items():
+        mass = robot.inertia_of(name)[0] if name not in held else low
+        if not low <= mass <= high:
+            raise RobotError(
+                f"found [{low:g}, {high:g}], which does not contain the model's mass, {mass:g}; expected an interval "
+                "around it",
+                f"uncertainty.mass.{name}",
+            )
+
+
+def _switch_off_all_but_the_links(model: mujoco.MjModel) -> None:
     disable = mujoco.mjtDisableBit
     for bit in (disable.mjDSBL_CONSTRAINT, disable.mjDSBL_CONTACT, disable.mjDSBL_DAMPER, disable.mjDSBL_ACTUATION):
         model.opt.disableflags |= int(bit)

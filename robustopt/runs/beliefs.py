@@ -7,8 +7,9 @@ from typing import Any
 
 from robustopt.certificate import certify
 from robustopt.config import BASE_COORDINATES as BASE
-from robustopt.config import Config, with_values
+from robustopt.config import Config
 from robustopt.config.document import split_key
+from robustopt.config.load import with_values
 from robustopt.errors import SolverFailed
 from robustopt.learning.learner import Belief
 from robustopt.learning.moments import ErrorInterval

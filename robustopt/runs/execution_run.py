@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from robustopt.config import Config, load_config
+from robustopt.config import Config
+from robustopt.config.load import load_config
 from robustopt.errors import ConfigError, RobotError, RunFolderError, SolverFailed
 from robustopt.limits import build_problem
 from robustopt.robot.model_file import model_file, model_hash

@@ -13,10 +13,10 @@ import numpy as np
 
 from robustopt.certificate import Certificate, certify
 from robustopt.config import Config
-from robustopt.config.geometry import patches
 from robustopt.limits import TimeScalingProblem, build_problem
 from robustopt.robot.model_file import model_file
 from robustopt.runs.store import SUMMARY, plain_data, write_json, write_origin
+from robustopt.scene.patches import patches
 from robustopt.solvers import Plan, Status, solve
 from robustopt.solvers.diagnosis import Diagnosis, diagnose
 from robustopt.solvers.trajectory import binding_shares, joint_trajectory, write_plan_csv, write_trajectory_csv
@@ -73,7 +73,7 @@ def plan_task(config: Config, certify_with: Effort = "quick") -> PlanResult:
 def problem_size(problem: TimeScalingProblem) -> dict[str, int]:
     """How large a problem is: grid, rows before and after redundant ones are removed, contacts."""
     systems = [family.system for family in problem.limits.contacts]
-    facets = sum(0 if system.facets is None else len(system.facets) for system in systems)
+    facets = sum(len(system.facets) for system in systems)
     rows = 2 * problem.robot.n + problem.limits.torque.B.shape[1] + facets
     kept = np.count_nonzero((problem.a != 0) | (problem.b != 0))
     return {
@@ -84,7 +84,7 @@ def problem_size(problem: TimeScalingProblem) -> dict[str, int]:
         "rows_after_pruning": int(kept),
         "joints": problem.robot.n,
         "objects": len(problem.config.objects),
-        "interfaces": len(problem.config.interfaces) if problem.config.walks else len(patches(problem.config)),
+        "interfaces": len(problem.config.environment_contacts) + len(patches(problem.config)),
         "contact_systems": len(systems),
         "generators": sum(system.generators.shape[1] for system in systems),
     }

@@ -16,7 +16,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from robustopt.config import Config, dump, load_config, resolved
+from robustopt.config import Config
+from robustopt.config.load import dump, load_config, resolved
 from robustopt.errors import RunFolderError
 from robustopt.robot.model_file import model_file, model_hash
 from robustopt.runs.beliefs import Planner

@@ -20,7 +20,8 @@ from pathlib import Path
 from typing import Any
 
 from robustopt import __version__
-from robustopt.config import Config, dump
+from robustopt.config import Config
+from robustopt.config.load import dump
 from robustopt.errors import RunFolderError
 from robustopt.interruption import held
 

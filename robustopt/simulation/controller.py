@@ -17,11 +17,10 @@ from scipy.linalg import eigh
 from robustopt.config import BASE_COORDINATES as BASE
 from robustopt.config import FEET, Config, UncertaintyConfig
 from robustopt.errors import ConfigError
-from robustopt.limits.uncertainty import Body, bodies, regressor
+from robustopt.limits.bodies import Body, regressor
+from robustopt.limits.uncertainty import bodies
 from robustopt.robot import Robot
-from robustopt.robot.model_file import load_model
-from robustopt.robot.walker import Walker
-from robustopt.robot.walker_model import load_walker_model
+from robustopt.robot.preparation import load_model
 from robustopt.solvers.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -87,7 +86,7 @@ class JointLayout:
     bodies: Mapping[str, int]
 
 
-def gains_of(config: Config, robot: Robot | Walker, q: Array) -> Gains:
+def gains_of(config: Config, robot: Robot, q: Array) -> Gains:
     """Gains from the configuration, else from the actuators of the model file, else from the joint's inertia.
 
     Actuators that count are `pid` ones, those of a robot on its feet also `position` ones. Default of a joint with
@@ -97,8 +96,8 @@ def gains_of(config: Config, robot: Robot | Walker, q: Array) -> Gains:
     """
     assert config.execution is not None
     given = config.execution.controller
-    if isinstance(robot, Walker):
-        names, model = robot.joint_names[BASE:], load_walker_model(config)[0].original
+    if robot.base:
+        names, model = robot.joint_names[BASE:], load_model(config).original
         kinds = {PID, int(mujoco.mjtDyn.mjDYN_NONE)}
     else:
         names, model, kinds = robot.joint_names, load_model(config).original, {PID}
@@ -232,12 +231,10 @@ def _model_gains(model: mujoco.MjModel, kinds: set[int]) -> dict[str, dict[str, 
     return found
 
 
-def _default_gains(
-    config: Config, robot: Robot | Walker, q: Array, names: tuple[str, ...]
-) -> dict[str, dict[str, float]]:
+def _default_gains(config: Config, robot: Robot, q: Array, names: tuple[str, ...]) -> dict[str, dict[str, float]]:
     """Gains from the inertia of the joints at coordinates q (P, n), by joint name."""
     assert config.execution is not None
-    if isinstance(robot, Walker):
+    if robot.base:
         kp, kd = _gains_on_feet(config, robot, q)
     else:
         inertia = _stable_part(*_inertia(config, robot, q), config.execution.timestep)
@@ -281,7 +278,7 @@ def _largest_share(stiffness: Array, flexibility: np.ndarray) -> float:
     return float(np.linalg.eigvalsh(root[:, None] * flexibility * root).max())
 
 
-def _gains_on_feet(config: Config, robot: Walker, q: Array) -> tuple[Array, Array]:
+def _gains_on_feet(config: Config, robot: Robot, q: Array) -> tuple[Array, Array]:
     """kp and kd of the joints of a robot on its feet at coordinates q (P, n), (m,) each.
 
     I is the largest diagonal of the mass matrix, of a limb in the air. A joint of a leg that stands holds up all the
@@ -312,7 +309,9 @@ def _inertia(config: Config, robot: Robot, q: Array) -> tuple[Array, Array]:
     arm = robot.dynamics(q, np.zeros_like(q), np.zeros_like(q))
     known = config.model_copy(update={"uncertainty": UncertaintyConfig()})
     carried = {name: _spatial_inertia(body) for name, body in bodies(known).items()}
-    J, turned = arm.jacobian, np.swapaxes(arm.jacobian, 1, 2)
+    assert arm.carrier is not None
+    J = arm.carrier.jacobian
+    turned = np.swapaxes(J, 1, 2)
     loaded = arm.mass_matrix + turned @ sum(carried.values()) @ J
     largest = np.diagonal(loaded, axis1=1, axis2=2).max(axis=0)
     return np.asarray(largest), np.asarray(arm.mass_matrix + turned @ carried["tray"] @ J)

@@ -16,10 +16,12 @@ import mujoco
 import numpy as np
 
 from robustopt.config import Config, FailureConfig, ObjectConfig
-from robustopt.config.geometry import RESOLUTION, Placement, half_height, placements, rotation, supports
 from robustopt.errors import ConfigError
+from robustopt.geometry import RESOLUTION, rotation
 from robustopt.robot import Robot, load_robot
-from robustopt.robot.model_file import TRAY_SITE, USUAL
+from robustopt.robot.model_file import USUAL
+from robustopt.robot.preparation import CARRIER_SITE
+from robustopt.scene.placement import CARRIER, TRAY, Placement, half_height, placements, supports
 from robustopt.simulation.controller import WITH_TORQUE, Gains, JointLayout, Reference, computed_torque, controls
 from robustopt.simulation.outcome import Criterion, Motion, motion_of_object, object_criteria, object_motion
 from robustopt.simulation.simulation import Record, joint_velocities
@@ -146,7 +148,7 @@ class SceneBuilder:
         """qpos (size,) of the arm at joint positions q (n,), with the objects in their places on the tray."""
         qpos = np.zeros(size)
         qpos[layout.joints] = q
-        position, frame = (item[0] for item in self.robot.tray_pose(q[None]))
+        position, frame = (item[0] for item in self.robot.carrier_pose(q[None]))
         tray = np.zeros(4)
         mujoco.mju_mat2Quat(tray, frame.ravel())
         for name, placement in self._placed.items():
@@ -177,7 +179,7 @@ class SceneBuilder:
 
     def view(self, layout: Layout, qpos: Array) -> View:
         """A camera that sees the whole path of the tray."""
-        tray, _ = self.robot.tray_pose(qpos[::100][:, layout.joints])
+        tray, _ = self.robot.carrier_pose(qpos[::100][:, layout.joints])
         return View(tray.mean(axis=0), DISTANCE + float(np.ptp(tray, axis=0).max()), AZIMUTH, ELEVATION)
 
     # Parts of the specification ---------------------------------------------------------------------------
@@ -210,7 +212,7 @@ class SceneBuilder:
         return spec
 
     def _add_tray(self, spec: mujoco.MjSpec, world: World) -> mujoco.MjsBody:
-        site, size = spec.site(TRAY_SITE), np.array(self._config.carried_tray.size) / 2
+        site, size = spec.site(CARRIER_SITE), np.array(self._config.carried_tray.size) / 2
         body = site.parent.add_body(name=PREFIX + "tray", pos=site.pos, quat=site.quat)
         set_inertia(body, world.bodies["tray"])
         # The controller compensates the weight that the planner believes, not the true one.
@@ -276,7 +278,7 @@ class SceneBuilder:
         return [(name, support) for name in self._placed for support in supports(self._config.objects[name])]
 
     def _interfaces(self, model: mujoco.MjModel) -> list[Interface]:
-        tray = Placement(np.zeros(3), 0.0, self._config.carried_tray.size[2] / 2)
+        tray = Placement(np.zeros(3), np.eye(3), self._config.carried_tray.size[2] / 2, TRAY, CARRIER, np.zeros(3), 0.0)
         found = []
         for name, support in self._resting():
             upper, lower = self._placed[name], self._placed.get(support, tray)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robustopt.config import Config, ObjectConfig, TrayConfig, TruthConfig, VariationConfig
-from robustopt.limits.uncertainty import INERTIA_TERMS, inertia_matrix
+from robustopt.limits.bodies import INERTIA_TERMS, inertia_matrix
 
 Array = np.ndarray
 

@@ -15,11 +15,11 @@ import numpy as np
 
 from robustopt.config import BASE_COORDINATES as BASE
 from robustopt.config import FEET, Config, FailureConfig, RailConfig, TruthConfig
-from robustopt.config.geometry import rail_box
 from robustopt.errors import ConfigError
 from robustopt.path.footsteps import Place, footsteps
-from robustopt.robot.model_file import USUAL, model_file, read_model
-from robustopt.robot.walker import Walker, load_walker
+from robustopt.robot import Robot, load_robot
+from robustopt.robot.model_file import USUAL
+from robustopt.scene.rail import rail_box
 from robustopt.simulation.controller import Gains, JointLayout, Reference, controls
 from robustopt.simulation.footing import MeasuredContact, contact_motion, stands, trunk_motion, turning
 from robustopt.simulation.outcome import Criterion, Motion, Status
@@ -70,7 +70,7 @@ class WalkerScene:
     driven = slice(BASE, None)
 
     def __init__(self, config: Config, gains: Gains, timestep: float) -> None:
-        self.walker: Walker = load_walker(config)
+        self.walker: Robot = load_robot(config)
         self.joint_names = self.walker.joint_names[BASE:]
         self.torque_limit = self.walker.limits.torque[BASE:]
         self._truth = (config.execution.truth if config.execution is not None else None) or TruthConfig()
@@ -169,9 +169,7 @@ class WalkerScene:
     # Parts of the specification ---------------------------------------------------------------------------
 
     def _with_controller(self, config: Config, gains: Gains, timestep: float) -> mujoco.MjSpec:
-        spec, _, _ = read_model(model_file(config))
-        for item in [*spec.actuators, *spec.sensors, *spec.keys]:
-            spec.delete(item)
+        spec = self.walker.world_spec.copy()
         _set_options(spec, timestep)
         spec.option.gravity = config.gravity
         for body in spec.bodies[1:]:
@@ -294,7 +292,7 @@ def _add_sensors(spec: mujoco.MjSpec, contact: str, ground: str) -> None:
     )  # fmt: skip
 
 
-def _add_floor_for_pictures(spec: mujoco.MjSpec, places: Sequence[Mapping[str, Place]], walker: Walker) -> None:
+def _add_floor_for_pictures(spec: mujoco.MjSpec, places: Sequence[Mapping[str, Place]], walker: Robot) -> None:
     """A floor with tiles, and footprints where the feet are to stand, so that slips can be seen."""
     pattern = spec.add_texture(
         name=FLOOR, type=mujoco.mjtTexture.mjTEXTURE_2D, builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,

@@ -17,8 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from robustopt.config import Config, with_values
+from robustopt.config import Config
 from robustopt.config.document import Key, split_key
+from robustopt.config.load import with_values
 from robustopt.errors import ConfigError, SolverFailed
 from robustopt.limits import TimeScalingProblem, rows_along, track_of
 from robustopt.limits.track import Track

@@ -17,9 +17,9 @@ from robustopt.config import BASE_COORDINATES as BASE
 from robustopt.config import FEET
 from robustopt.errors import ProblemInfeasible
 from robustopt.limits.load_sharing import distribute, willingness
-from robustopt.limits.walking import StandingTorque
-from robustopt.path.walking_path import WalkingPath
-from robustopt.robot.walker import WalkerDynamics
+from robustopt.limits.torque import Sharing
+from robustopt.path import Path
+from robustopt.robot import Dynamics
 from robustopt.solvers.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -98,42 +98,51 @@ def planned_forces(plan: Plan) -> ContactForces:
     if plan.x.size == 0:
         raise ProblemInfeasible(f"There are no forces: {plan.message}")
     problem = plan.problem
-    torque, path = problem.limits.torque, problem.path
-    assert isinstance(torque, StandingTorque)
-    assert isinstance(path, WalkingPath)
+    sharing, path = problem.limits.torque.sharing, problem.path
+    if sharing is None:
+        raise ProblemInfeasible("There are no environment contacts: the robot has no floating base.")
     trajectory = Trajectory.from_plan(plan)
     interval = np.arange(len(plan.u))
     points = np.concatenate([[0], np.column_stack([interval, interval + 1]).ravel(), [len(plan.s) - 1]])
     u = np.concatenate([[0.0], np.repeat(plan.u, 2), [0.0]])
     x = np.concatenate([[0.0], plan.x[points[1:-1]], [0.0]])
     middle = np.concatenate([[0.0], np.repeat(0.5 * (plan.s[:-1] + plan.s[1:]), 2), [1.0]])
-    phases = path.footsteps.phases
+    phases = len(path.stances)
     stance = np.minimum((middle * phases).astype(int), phases - 1)
-    dynamics = torque.dynamics
-    load = dynamics.force_u[points] * u[:, None] + dynamics.force_x[points] * x[:, None] + dynamics.force_0[points]
-    forces, corners, residual = _forces(torque, path, plan.s[points], stance, load)
+    load = _nominal_force(sharing, points, u, x)
+    forces, corners, residual = _forces(sharing, path, plan.s[points], stance, load)
     return ContactForces(
         t=trajectory.times[points],
         s=plan.s[points],
         forces=forces,
         points=corners,
         axes={name: place.axes for name, place in path.stances[0].places.items()},
-        torque=_torque(dynamics, points, load, forces, corners),
+        torque=_torque(sharing.dynamics, points, load, forces, corners),
         residual=residual,
     )
 
 
+def _nominal_force(sharing: Sharing, points: Array, u: Array, x: Array) -> Array:
+    """Return the nominal generalised force at grid points (M,), without acceleration error, (M, n) [N, N m]."""
+    dynamics = sharing.dynamics
+    force = dynamics.force_u[points] * u[:, None] + dynamics.force_x[points] * x[:, None] + dynamics.force_0[points]
+    if dynamics.carrier is None:
+        return force
+    affine = np.stack([u, x, np.ones(len(u))], axis=1)
+    return np.asarray(np.einsum("mdk,mk->md", sharing.loads.middle()[points], affine))
+
+
 def _forces(
-    torque: StandingTorque, path: WalkingPath, s: Array, stance: Array, load: Array
+    sharing: Sharing, path: Path, s: Array, stance: Array, load: Array
 ) -> tuple[dict[str, Array], dict[str, Array], Array]:
     """Forces and points of all contacts (M, k, 3), and what the wrench misses (M,)."""
-    count = {name: len(points) for name, points in torque.soles.items()}
+    count = {name: len(points) for name, points in sharing.soles.items()}
     forces = {name: np.zeros((len(s), k, 3)) for name, k in count.items()}
     corners = {name: np.zeros((len(s), k, 3)) for name, k in count.items()}
     residual = np.empty(len(s))
-    for k, (family, own) in enumerate(zip(torque.contacts, path.stances, strict=True)):
+    for k, (family, own) in enumerate(zip(sharing.contacts, path.stances, strict=True)):
         here = np.flatnonzero(stance == k)
-        system, parts = family.system, torque.parts(k)
+        system, parts = family.system, sharing.parts(k)
         shares = _shares(path, k, s[here])
         weights = np.empty((len(here), system.generators.shape[1]))
         for name, part in parts.items():
@@ -147,18 +156,18 @@ def _forces(
             pushes = along[:, None, part] * system.generators[:3, part]
             forces[name][here] = pushes.reshape(len(here), 3, count[name], system.edges).sum(axis=3).transpose(0, 2, 1)
         for name in count:
-            corners[name][here] = _corners(torque, path, k, name)
+            corners[name][here] = _corners(sharing, path, k, name)
     return forces, corners, residual
 
 
-def _corners(torque: StandingTorque, path: WalkingPath, stance: int, name: str) -> Array:
+def _corners(sharing: Sharing, path: Path, stance: int, name: str) -> Array:
     """Points of a contact (k, 3) where it rests in a stance, or did last."""
     while name not in path.stances[stance].places:
         stance -= 1
-    return path.stances[stance].places[name].world(torque.soles[name])
+    return path.stances[stance].places[name].world(sharing.soles[name])
 
 
-def _shares(path: WalkingPath, stance: int, s: Array) -> dict[str, Array]:
+def _shares(path: Path, stance: int, s: Array) -> dict[str, Array]:
     """How willingly each contact is used, (M,): a foot less after it landed and before it lifts."""
     own, stances = path.stances[stance], path.stances
     part = (s - own.begin) / (own.end - own.begin)
@@ -180,13 +189,13 @@ def _ramp(t: Array) -> Array:
 
 
 def _torque(
-    dynamics: WalkerDynamics, points: Array, load: Array, forces: Mapping[str, Array], corners: Mapping[str, Array]
+    dynamics: Dynamics, points: Array, load: Array, forces: Mapping[str, Array], corners: Mapping[str, Array]
 ) -> Array:
     """Joint torques (M, n) that are left for the motors, 0 for the base."""
     torque = load.copy()
     for name, pushes in forces.items():
         moment = np.cross(corners[name], pushes).sum(axis=1)
         wrench = np.concatenate([pushes.sum(axis=1), moment], axis=1)
-        torque -= (np.swapaxes(dynamics.jacobians[name][points], 1, 2) @ wrench[:, :, None])[:, :, 0]
+        torque -= (np.swapaxes(dynamics.contact_jacobians[name][points], 1, 2) @ wrench[:, :, None])[:, :, 0]
     torque[:, :BASE] = 0.0
     return torque

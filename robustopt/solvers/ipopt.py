@@ -16,7 +16,6 @@ from scipy import sparse
 
 from robustopt.interruption import held
 from robustopt.limits import TimeScalingProblem
-from robustopt.limits.rows import TorqueFamily
 from robustopt.solvers.plan import Plan, Status, duration_of, failed_plan, solved_plan
 from robustopt.solvers.reachability import passes
 
@@ -161,7 +160,6 @@ def _relative(
     if cost == "smoothness":
         motion, limit = problem.limits.motion, problem.robot.limits.acceleration[joint]
         return (motion.q1[points, joint] * u + motion.q2[points, joint] * x) / limit
-    assert isinstance(problem.limits.torque, TorqueFamily), "the effort of a robot on its feet is no cost"
     coefficients, viscous = problem.limits.torque.nominal(joint)
     c = coefficients[points]
     return c[:, 0] * u + c[:, 1] * x + c[:, 2] + viscous[points] * root

@@ -1,15 +1,15 @@
-"""Small dense linear programs that HiGHS solves again and again, each time with another right-hand side."""
+"""Small dense linear programs that HiGHS solves repeatedly, each time with another right-hand side."""
 
 from __future__ import annotations
 
 import highspy
 import numpy as np
 
-Array = np.ndarray
+from robustopt.arrays import Array, Indices
 
 
 class LinearProgram:
-    """min cost z  s.t.  row_lower <= matrix z <= row_upper, lower <= z; the bounds of the rows come with each call.
+    """The program min cost z such that row_lower <= matrix z <= row_upper, lower <= z; each call brings row bounds.
 
     matrix: (m, n); cost, lower: (n,)
     """
@@ -31,8 +31,12 @@ class LinearProgram:
         self._rows = np.arange(rows, dtype=np.int32)
 
     def solve(self, row_lower: Array, row_upper: Array) -> tuple[Array, Array]:
-        """The solution z (n,) and the duals of the rows (m,), from the last basis on."""
+        """Return the solution z (n,) and the duals of all rows, added ones last, from the last basis on."""
         self._highs.changeRowsBounds(len(self._rows), self._rows, row_lower, row_upper)
         self._highs.run()
         solution = self._highs.getSolution()
         return np.array(solution.col_value), np.array(solution.row_dual)
+
+    def add_row(self, columns: Indices, values: Array) -> None:
+        """Add the row `values @ z[columns] <= 0`."""
+        self._highs.addRow(-np.inf, 0.0, len(columns), columns.astype(np.int32), values)

@@ -13,13 +13,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from robustopt.arrays import Array, Flags, Indices
 from robustopt.config import BASE_COORDINATES as BASE
+from robustopt.limits.contact_limit import NO_BASE, NO_TERMS
+from robustopt.limits.formulas import evaluate, worst_wrench
 from robustopt.limits.load_sharing import distribute, willingness
-from robustopt.limits.rows import evaluate, worst_wrench
-from robustopt.limits.walking import SharedRow, StandingTorque
+from robustopt.limits.torque import SharedRow, Sharing
 from robustopt.solvers.linear_program import LinearProgram
-
-Array = np.ndarray
 
 VIOLATION = 1e-7
 """Fraction of a torque limit by which a torque may exceed it."""
@@ -82,18 +82,18 @@ class SharingProgram:
         return value, on_wrench, on_torque, constant, self.weight * z[:-2]
 
 
-def program_at(torque: StandingTorque, point: int, counted: Array) -> tuple[SharingProgram, Array]:
+def program_at(sharing: Sharing, point: int, counted: Flags) -> tuple[SharingProgram, Indices]:
     """The program of a grid point where contacts share the load, and the indices of the joints in it.
 
     counted: (n,) which joints' limits count
     """
-    stance = int(torque.standing[point])
-    family, generators = torque.contacts[stance], torque.contacts[stance].system.generators
-    joints = np.flatnonzero(~torque.known[point] & counted)
+    stance = int(sharing.standing[point])
+    family, generators = sharing.contacts[stance], sharing.contacts[stance].system.generators
+    joints = np.flatnonzero(~sharing.known[point] & counted)
     pull = np.zeros((len(joints), generators.shape[1]))
-    for name, part in torque.parts(stance).items():
-        pull[:, part] = torque.dynamics.jacobians[name][point][:, joints].T @ generators[:, part]
-    return SharingProgram(generators, pull, torque.limit[joints], family.weight), joints
+    for name, part in sharing.parts(stance).items():
+        pull[:, part] = sharing.dynamics.contact_jacobians[name][point][:, joints].T @ generators[:, part]
+    return SharingProgram(generators, pull, sharing.limit[joints], family.weight), joints
 
 
 class SharingSearch:
@@ -103,56 +103,56 @@ class SharingSearch:
     point; settled: (M, 2) u and x at each end of an interval at which no row was missing, nan where one was
     """
 
-    def __init__(self, counted: Array) -> None:
+    def __init__(self, counted: Flags) -> None:
         self.counted = counted
-        self.programs: dict[int, tuple[SharingProgram, Array]] = {}
+        self.programs: dict[int, tuple[SharingProgram, Indices]] = {}
         self.settled = np.full((0, 2), np.nan)
 
-    def missing_rows(self, torque: StandingTorque, points: Array, u: Array, x: Array) -> tuple[list[SharedRow], int]:
+    def missing_rows(self, sharing: Sharing, points: Indices, u: Array, x: Array) -> tuple[list[SharedRow], int]:
         """Rows that a timing violates, and programs solved; points, u, x: (M,), the same points each time."""
         timing = np.stack([u, x], axis=1)
         if len(self.settled) != len(timing):
             self.settled = np.full(timing.shape, np.nan)
         still = (np.abs(timing - self.settled) <= STILL * np.abs(timing).max(axis=0)).all(axis=1)
-        shared = (~torque.known[points] & self.counted).any(axis=1)
+        shared = (~sharing.known[points] & self.counted).any(axis=1)
         look = np.flatnonzero(shared & ~still)
         self.settled[look] = timing[look]
         found, solved = [], 0
-        for k, load in self._doubtful(torque, points[look], u[look], x[look]):
+        for k, load in self._doubtful(sharing, points[look], u[look], x[look]):
             end, point = look[k], int(points[look[k]])
             if point not in self.programs:
-                self.programs[point] = program_at(torque, point, self.counted)
-            rows, count = _rows_from(torque, self.programs[point], point, load, (u[[end]], x[[end]]))
+                self.programs[point] = program_at(sharing, point, self.counted)
+            rows, count = _rows_from(sharing, self.programs[point], point, load, (u[[end]], x[[end]]))
             self.settled[end] = np.nan if rows else timing[end]
             found += rows
             solved += count
         return found, solved
 
-    def _doubtful(self, torque: StandingTorque, points: Array, u: Array, x: Array) -> list[tuple[int, Array]]:
+    def _doubtful(self, sharing: Sharing, points: Indices, u: Array, x: Array) -> list[tuple[int, Array]]:
         """Which of the ends (M,) explicit forces leave too little in reserve, each with the load (n,) that says so."""
         if not len(points):
             return []
         affine = np.stack([u, x, np.ones(len(u))], axis=1)
-        middle = np.einsum("mdk,mk->md", torque.loads.middle()[points], affine)
-        worst = _worst_for_contacts(torque, points, u, x)
-        few = _explicit_use(torque, self.counted, points, middle) > 1.0 - DOUBTFUL
-        fewer = _explicit_use(torque, self.counted, points, worst) > 1.0 - LESS_DOUBTFUL
+        middle = np.einsum("mdk,mk->md", sharing.loads.middle()[points], affine)
+        worst = _worst_for_contacts(sharing, points, u, x)
+        few = _explicit_use(sharing, self.counted, points, middle) > 1.0 - DOUBTFUL
+        fewer = _explicit_use(sharing, self.counted, points, worst) > 1.0 - LESS_DOUBTFUL
         return [(int(k), worst[k] if fewer[k] else middle[k]) for k in np.flatnonzero(few | fewer)]
 
 
 def _rows_from(
-    torque: StandingTorque, program: tuple[SharingProgram, Array], point: int, load: Array, at: tuple[Array, Array]
+    sharing: Sharing, program: tuple[SharingProgram, Indices], point: int, load: Array, at: tuple[Array, Array]
 ) -> tuple[list[SharedRow], int]:
     """Rows that are violated at a grid point, and programs solved: from a load (n,) to begin with to the row of its
     dual, to the load that is worst for that, and again. at: u and x, (1,) each."""
-    (solver, joints), here, none = program, torque.loads.at(np.array([point])), np.zeros((0, 0, 0))
+    (solver, joints), here = program, sharing.loads.at(np.array([point]))
     found, solved, best = [], 0, -np.inf
     for _ in range(ROUNDS):
         _, on_wrench, on_torque, constant, _ = solver.solve(load[:BASE], load[joints])
         solved += 1
         row = np.zeros(len(load))
         row[:BASE], row[joints] = on_wrench, on_torque
-        value = float(evaluate(row[None], here, none, none, *at)[0, 0]) + constant
+        value = float(evaluate(row[None], here, NO_BASE, NO_TERMS, *at)[0, 0]) + constant
         if value > VIOLATION and np.any(on_torque):
             found.append(SharedRow(point, row, constant, int(joints[np.argmax(np.abs(on_torque))])))
         if value <= max(best, -DOUBTFUL) + VIOLATION:
@@ -161,42 +161,43 @@ def _rows_from(
     return found, solved
 
 
-def _worst_for_contacts(torque: StandingTorque, points: Array, u: Array, x: Array) -> Array:
+def _worst_for_contacts(sharing: Sharing, points: Indices, u: Array, x: Array) -> Array:
     """Loads (M, n) for the parameters that leave the contacts the least in reserve; points, u, x: (M,).
 
     Then a weak limb may have to make up for what the others cannot carry.
     """
-    worst, none = np.empty((len(points), torque.B.shape[2])), np.zeros((0, 0, 0))
-    for stance in np.unique(torque.standing[points]):
-        family = torque.contacts[stance]
-        assert family.system.facets is not None
-        for here in np.array_split(np.flatnonzero(torque.standing[points] == stance), CHUNKS):
+    worst = np.empty((len(points), len(sharing.limit)))
+    for stance in np.unique(sharing.standing[points]):
+        family = sharing.contacts[stance]
+        for here in np.array_split(np.flatnonzero(sharing.standing[points] == stance), CHUNKS):
             at = (u[here], x[here])
-            values = evaluate(family.system.facets, family.loads.at(points[here]), none, none, *at)
-            direction = np.zeros((len(here), torque.B.shape[2]))
+            values = evaluate(family.system.facets, family.loads.at(points[here]), NO_BASE, NO_TERMS, *at)
+            direction = np.zeros((len(here), len(sharing.limit)))
             direction[:, :BASE] = family.system.facets[np.argmax(values, axis=1)]
-            worst[here] = worst_wrench(torque.loads.at(points[here]), direction, *at)
+            worst[here] = worst_wrench(sharing.loads.at(points[here]), direction, *at)
     return worst
 
 
-def _explicit_use(torque: StandingTorque, counted: Array, points: Array, load: Array) -> Array:
+def _explicit_use(sharing: Sharing, counted: Flags, points: Indices, load: Array) -> Array:
     """Share of their limits that the joints use with the smallest contact forces for loads (M, n) at grid points (M,)
     where they are shared, (M,); infinite where the forces miss the wrench."""
     use = np.empty(len(points))
-    for k in np.unique(torque.standing[points]):
-        here, system = np.flatnonzero(torque.standing[points] == k), torque.contacts[k].system
-        parts = torque.parts(int(k))
+    for k in np.unique(sharing.standing[points]):
+        here, system = np.flatnonzero(sharing.standing[points] == k), sharing.contacts[k].system
+        parts = sharing.parts(int(k))
         every = np.ones((len(here), system.generators.shape[1]))
         for name, part in parts.items():
             every[:, part] = willingness(name)
         center = np.array([-system.generators[4].mean(), system.generators[3].mean(), 0.0])
         wrench = load[here, :BASE].copy()
         wrench[:, 3:] -= np.cross(center, wrench[:, :3])
-        forces, miss = distribute(system.about([center]).generators, every, wrench, torque.contacts[k].weight)
+        forces, miss = distribute(system.about([center]).generators, every, wrench, sharing.contacts[k].weight)
         left = load[here].copy()
         for name, part in parts.items():
             push = forces[:, part] @ system.generators[:, part].T
-            left -= (np.swapaxes(torque.dynamics.jacobians[name][points[here]], 1, 2) @ push[:, :, None])[:, :, 0]
-        shares = np.abs(left / torque.limit)[:, counted & ~torque.known[points[here[0]]]]
+            left -= (np.swapaxes(sharing.dynamics.contact_jacobians[name][points[here]], 1, 2) @ push[:, :, None])[
+                :, :, 0
+            ]
+        shares = np.abs(left / sharing.limit)[:, counted & ~sharing.known[points[here[0]]]]
         use[here] = np.where(miss > MISS, np.inf, shares.max(axis=1))
     return use

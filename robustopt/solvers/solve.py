@@ -15,11 +15,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from robustopt.limits import TimeScalingProblem
-from robustopt.limits.walking import StandingTorque
+from robustopt.limits.names import LimitKind
 from robustopt.solvers.plan import Plan, Status, binding_rows, failed_plan, interval_ends
 from robustopt.solvers.reachability import solve_reachability
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # HiGHS is loaded only where a program is needed
+    from robustopt.solvers.force_program import ForceProgram
     from robustopt.solvers.sharing import SharingSearch
 
 __all__ = ["Plan", "Status", "solve", "standstill"]
@@ -53,7 +54,7 @@ def solve(problem: TimeScalingProblem, method: str | None = None) -> Plan:
         return failed_plan(problem, Status.INFEASIBLE, method, Status.INFEASIBLE.sentence, at_rest, {})
     if method == "ipopt":
         problem = problem.with_facets(tuple(np.zeros_like(rows[:0]) for rows in problem.facets))
-    programs: dict[int, object] = {}
+    programs: dict[int, ForceProgram] = {}
     shared: list[SharingSearch] = []
     figures = {"rounds": 0.0, "inner_programs": 0.0, "inner_seconds": 0.0, "relinearisations": 0.0}
     plan, before = _outer(problem, method, None), np.inf
@@ -100,43 +101,41 @@ def _outer(problem: TimeScalingProblem, method: str, guess: np.ndarray | None) -
 
 
 def _with_missing_rows(
-    plan: Plan, method: str, programs: dict[int, object], figures: dict[str, float]
+    plan: Plan, method: str, programs: dict[int, ForceProgram], figures: dict[str, float]
 ) -> TimeScalingProblem | None:
-    """The problem with the contact rows that its plan violates, None if there are none."""
-    problem = plan.problem
-    open_systems = [
-        k for k, family in enumerate(problem.limits.contacts) if method == "ipopt" or family.system.facets is None
-    ]
-    if not open_systems:
+    """Return the problem with the contact rows that its plan violates, None if there are none."""
+    limits = list(plan.problem.limits.contacts)
+    incomplete = [k for k, limit in enumerate(limits) if method == "ipopt" or not limit.system.complete]
+    if not incomplete:
         return None
-    from robustopt.solvers.inner_lp import ForceProgram, missing_rows, overlooked_rows
+    from robustopt.solvers.force_program import ForceProgram, missing_rows, overlooked_rows
 
     began = time.perf_counter()
-    ends = interval_ends(problem, plan.x, plan.u)
-    facets, found = list(problem.facets), 0
+    ends = interval_ends(plan.problem, plan.x, plan.u)
+    found = 0
     for second_look in (False, True):
-        for k in open_systems:
-            family = problem.limits.contacts[k]
-            program = programs.setdefault(k, ForceProgram(family))
-            assert isinstance(program, ForceProgram)
-            u, x, points = (values[family.holds_at(ends[2])] for values in ends)
+        for k in incomplete:
+            limit = limits[k]
+            if k not in programs:
+                programs[k] = ForceProgram(limit)
+            u, x, points = (values[limit.holds_at(ends[2])] for values in ends)
             if second_look:
-                rows, solved = overlooked_rows(family, program, facets[k], points, u, x)
+                rows, solved = overlooked_rows(limit, programs[k], points, u, x)
             else:
-                rows, _, solved = missing_rows(family, program, facets[k], points, u, x)
+                rows, _, solved = missing_rows(limit, programs[k], points, u, x)
             figures["inner_programs"] += solved
-            facets[k] = np.concatenate([facets[k], rows])
-            found += len(rows)
+            limits[k] = limit.with_more(*rows)
+            found += len(rows[0])
         if found:
             break
     figures["inner_seconds"] += time.perf_counter() - began
-    return problem.with_facets(tuple(facets)) if found else None
+    return plan.problem.with_contacts(limits) if found else None
 
 
 def _with_shared_rows(plan: Plan, search: list[SharingSearch], figures: dict[str, float]) -> TimeScalingProblem | None:
-    """The problem with the torque rows that its plan violates where contacts share the load, None if there are none."""
+    """Return the problem with the torque rows that its plan violates for shared wrenches, None if there are none."""
     problem, torque = plan.problem, plan.problem.limits.torque
-    if not isinstance(torque, StandingTorque) or not _contacts_count(problem):
+    if torque.sharing is None or not _contacts_count(problem):
         return None
     from robustopt.solvers.sharing import SharingSearch
 
@@ -144,15 +143,15 @@ def _with_shared_rows(plan: Plan, search: list[SharingSearch], figures: dict[str
     u, x, points = interval_ends(problem, plan.x, plan.u)
     if not search:
         search.append(SharingSearch(problem.counts(2 * problem.robot.n + np.arange(problem.robot.n))))
-    rows, solved = search[0].missing_rows(torque, points, u, x)
+    rows, solved = search[0].missing_rows(torque.sharing, points, u, x)
     figures["inner_programs"] += solved
     figures["inner_seconds"] += time.perf_counter() - began
     return problem.with_torque(torque.with_rows(rows)) if rows else None
 
 
 def _contacts_count(problem: TimeScalingProblem) -> bool:
-    """Whether all limits of all contacts count: without them no forces share a load."""
-    return problem.kept is None or all(problem.kept.issuperset(f.system.names) for f in problem.limits.contacts)
+    """Return whether all limits of all contacts count: without them no forces share a wrench."""
+    return problem.kept is None or all(problem.kept.issuperset(limit.names) for limit in problem.limits.contacts)
 
 
 def _relinearised(plan: Plan, before: float) -> TimeScalingProblem | None:
@@ -161,11 +160,11 @@ def _relinearised(plan: Plan, before: float) -> TimeScalingProblem | None:
     before: duration of the plan that the linearisation was about, which must have settled [s]
     """
     problem = plan.problem
-    if isinstance(problem.limits.torque, StandingTorque):
+    if not problem.limits.torque.viscous.any():
         return None
     excess = problem.torque_excess(*interval_ends(problem, plan.x, plan.u))
     if np.isnan(problem.reference).all():
-        torque = [name.endswith(" torque") for name in problem.row_names]
+        torque = [name.kind == LimitKind.TORQUE for name in problem.row_names]
         binds = binding_rows(problem, plan.x, plan.u)[:, torque].any()
         return problem.with_reference(plan.x) if binds or excess > -NEAR_TORQUE else None
     settled = abs(before - plan.duration) <= SAME_DURATION * plan.duration

@@ -1,0 +1,201 @@
+"""Models of the configuration: what the robot holds, and its contacts."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from pydantic import Field, model_validator
+
+from robustopt.config.section import (
+    Distance,
+    Friction,
+    Length,
+    Mass,
+    NonNegative,
+    Point2,
+    Point3,
+    Pose,
+    Positive,
+    Real,
+    Section,
+    Size,
+    Vector3,
+    Vector6,
+)
+
+Force = Positive | tuple[Positive, Positive]
+
+
+class HandsConfig(Section):
+    pad: tuple[Length, Length] = Field(
+        description="edge lengths of the pads of each hand, along x and y of the tray: a thumb on top of it, fingers "
+        "below [m]"
+    )
+    force: Force = Field(description="force with which each thumb presses the tray onto the fingers [N]")
+    squeeze: NonNegative = Field(
+        default=0.0,
+        description="largest internal force between two hands, along the line between them, that a mismatch of their "
+        "positions makes; it uses up friction and joint torque [N]",
+    )
+    pressure: Literal["fixed", "free"] = Field(
+        default="fixed", description="how the normal force spreads over the pads, as for a gripper"
+    )
+
+
+class TrayConfig(Section):
+    size: Size = Field(description="edge lengths of the tray, a box [m]")
+    mass: Mass = Field(description="mass of the tray [kg]")
+    pose: Pose = Field(default=Pose(), description="pose of the tray's centre in the tool frame")
+    hands: HandsConfig | None = Field(
+        default=None, description="how hands hold the tray, if robot.tool names several; else it is fixed to the tool"
+    )
+    center_of_mass: Point3 = Field(
+        default=(0.0, 0.0, 0.0),
+        description="centre of mass in the tray frame, whose origin is the tray's centre [m]",
+    )
+    inertia: Vector3 | Vector6 | None = Field(
+        default=None,
+        description="inertia about the centre of mass, tray axes: ixx, iyy, izz, or ixx, iyy, izz, ixy, ixz, iyz; "
+        "without it that of a uniform box [kg m^2]",
+    )
+
+
+class HoldConfig(Section):
+    """What suction and grip have in common: which face of the part looks at the tool, and how the part lies there."""
+
+    pose: Pose = Field(
+        default=Pose(),
+        description="pose in the tool frame of the plane of the cups, or of the centre between the pads; z points out "
+        "of the tool, towards the part",
+    )
+    face: Literal["top", "bottom", "front", "back", "left", "right"] = Field(
+        default="top",
+        description="face of the part that looks at the tool: its upper or lower one, or the one towards its x "
+        "(front), -x (back), y (left) or -y (right)",
+    )
+    at: Point2 = Field(
+        default=(0.0, 0.0),
+        description="point of that face that lies on the z axis of the tool's pose, from the middle of the face along "
+        "its own axes: the x and y of the part for top and bottom, else the z of the part first [m]",
+    )
+    yaw: Real = Field(default=0.0, description="rotation of the part about the z axis of the tool's pose [rad]")
+    pressure: Literal["fixed", "free"] = Field(
+        default="fixed",
+        description="how the normal force spreads over the contact points where the load twists the patch: as elastic "
+        "lips or uniform pads spread it (fixed, the safe side), or as is best (free)",
+    )
+
+
+class CupConfig(Section):
+    at: Point2 = Field(default=(0.0, 0.0), description="centre of the lip in the plane of the cups [m]")
+    radius: Length = Field(description="radius of the lip [m]")
+
+
+class SuctionConfig(HoldConfig):
+    cups: tuple[CupConfig, ...] = Field(default=(), description="the suction cups, at least one")
+    force: Force = Field(
+        description="force with which the vacuum presses the part against each lip, a number or an interval [N]"
+    )
+
+
+class GripConfig(HoldConfig):
+    pad: tuple[Length, Length] = Field(
+        description="edge lengths of each pad, across the axis of the tool and along it [m]"
+    )
+    axis: Literal["x", "y"] = Field(
+        default="x", description="axis of the tool's pose along which the pads close; the driven finger is on its side"
+    )
+    force: Force = Field(description="closing force of the driven finger, a number or an interval [N]")
+    depth: Distance | None = Field(
+        default=None,
+        description="distance of the centre of the pads from the face that looks at the tool; without it, half the "
+        "part [m]",
+    )
+    finger_mass: NonNegative = Field(
+        default=0.0, description="mass that the closing force accelerates besides the part: the driven finger [kg]"
+    )
+
+
+class HeldByConfig(Section):
+    suction: SuctionConfig | None = Field(default=None, description="suction cups hold the part")
+    grip: GripConfig | None = Field(default=None, description="two opposed pads hold the part")
+
+    @property
+    def tool(self) -> SuctionConfig | GripConfig:
+        """Return the way in which the part is held."""
+        tool = self.suction or self.grip
+        assert tool is not None, "checked when the configuration was read"
+        return tool
+
+
+class ObjectConfig(Section):
+    shape: Literal["box", "cylinder"] = Field(description="shape; a cylinder stands upright")
+    size: Size | None = Field(default=None, description="edge lengths of a box [m]")
+    radius: Length | None = Field(default=None, description="radius of a cylinder [m]")
+    height: Length | None = Field(default=None, description="height of a cylinder [m]")
+    mass: Mass = Field(description="mass [kg]")
+    on: str | tuple[str, str] | None = Field(
+        default=None,
+        description="what the object stands on: `tray`, another object, or two of them (a bridge); without it the "
+        "tray, unless the object is held",
+    )
+    held_by: HeldByConfig | None = Field(
+        default=None, description="suction cups or a gripper on the tool that hold the object, in place of `on`"
+    )
+    at: Point2 = Field(
+        default=(0.0, 0.0),
+        description="centre of the object's base in the frame of its support; for a bridge in the tray frame [m]",
+    )
+    yaw: Real = Field(
+        default=0.0, description="turn about the vertical against its support; for a bridge against the tray [rad]"
+    )
+    center_of_mass: Point3 = Field(
+        default=(0.0, 0.0, 0.0),
+        description="centre of mass in the object's frame, whose origin is its geometric centre [m]",
+    )
+    inertia: Vector3 | Vector6 | None = Field(
+        default=None,
+        description="inertia about the centre of mass, object axes: ixx, iyy, izz, or ixx, iyy, izz, ixy, ixz, iyz; "
+        "without it that of a uniform body of the shape [kg m^2]",
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _stand_on_the_tray(cls, data: Any) -> Any:
+        """Let an object without a support stand on the tray."""
+        plain = isinstance(data, dict) and data.get("on") is None and data.get("held_by") is None
+        return {**data, "on": "tray"} if plain else data
+
+
+class ContactConfig(Section):
+    friction: Friction | dict[str, Friction] = Field(
+        default=0.5,
+        description="coefficient of friction the planner believes: one value, or one per object for the interface "
+        "under it, per foot and hand of a robot on its feet (`default` for the rest); where it is not given and "
+        "uncertainty.friction is, the middle of that",
+    )
+    cone_edges: int = Field(
+        default=16, ge=3, le=64, description="edges of the inner approximation of each friction cone"
+    )
+    patch_points: int = Field(default=8, ge=3, le=32, description="contact points that stand for a round contact patch")
+
+
+def contact_names(name: str, body: ObjectConfig) -> tuple[str, ...]:
+    """Return the names of the contacts through which an object is supported or held.
+
+    An object on its support, or held by one cup, has one contact, which takes its name. Several cups and the pads of a
+    gripper are numbered: `part_cup1`, `part_pad2`. The driven finger has pad 1.
+    """
+    if body.held_by is None:
+        return (name,)
+    tool = body.held_by.tool
+    if isinstance(tool, GripConfig):
+        return pad_names(name)
+    if len(tool.cups) == 1:
+        return (name,)
+    return tuple(f"{name}_cup{k + 1}" for k in range(len(tool.cups)))
+
+
+def pad_names(name: str) -> tuple[str, str]:
+    """Return the names of two opposed pads: the driven one (a finger or thumb), then the fixed one."""
+    return f"{name}_pad1", f"{name}_pad2"

@@ -1,0 +1,121 @@
+"""Models of the configuration: the section `path`."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from robustopt.config.section import (
+    Distance,
+    Length,
+    NonNegative,
+    Point2,
+    Point3,
+    Positive,
+    Real,
+    Section,
+    Vector3,
+    Vector4,
+)
+
+
+class FramePose(Section):
+    position: Point3 = Field(description="position of the tray's centre, or of the tool, in the world [m]")
+    rpy: Vector3 | None = Field(default=None, description="roll, pitch, yaw about the fixed x, y, z axes [rad]")
+    yaw: Real | None = Field(default=None, description="rotation about the vertical of a level tray or tool [rad]")
+    quaternion: Vector4 | None = Field(default=None, description="orientation w, x, y, z, of any length but 0")
+
+
+class PathTolerance(Section):
+    position: Positive = Field(
+        default=0.0002, description="largest distance between the joint path and the tray path [m]"
+    )
+    angle: Positive = Field(default=0.001, description="largest angle between the joint path and the tray path [rad]")
+
+
+class StepConfig(Section):
+    foot: Literal["left", "right"] = Field(description="the foot that steps")
+    to: Point2 = Field(description="where the middle of its sole lands on the floor, x and y in the world [m]")
+
+
+class StanceConfig(Section):
+    left: Point2 = Field(description="middle of the left sole on the floor, x and y in the world [m]")
+    right: Point2 = Field(description="middle of the right sole on the floor, x and y in the world [m]")
+
+
+class RailConfig(Section):
+    hand: Literal["left", "right"] = Field(description="the hand that rests on the rail")
+    at: Point3 = Field(description="where the middle of its palm rests on the rail, in the world [m]")
+    size: tuple[Length, Length] = Field(
+        description="edge lengths of the part of the palm that touches the rail, along the rail and across it [m]"
+    )
+    length: Length = Field(
+        default=0.3,
+        description="length of the rail, a bar with its middle at that place; the robot must not run into it [m]",
+    )
+    normal: Vector3 = Field(
+        default=(0.0, 0.0, 1.0), description="direction out of the rail at that place, of any length but 0"
+    )
+    along: Vector3 = Field(
+        default=(1.0, 0.0, 0.0),
+        description="direction of the rail, and of the fingers: what of it is at a right angle to the normal",
+    )
+
+    @property
+    def contact(self) -> str:
+        """Name of the contact, which is that of the hand's site in the model."""
+        return f"{self.hand}_hand"
+
+
+class PathConfig(Section):
+    tray_poses: tuple[FramePose, ...] | None = Field(
+        default=None, description="poses of the tray, joined by straight segments"
+    )
+    tool_poses: tuple[FramePose, ...] | None = Field(
+        default=None, description="poses of the tool frame where there is no tray, joined by straight segments"
+    )
+    joints: tuple[tuple[Real, ...], ...] | str | None = Field(
+        default=None,
+        description="joint waypoints, or a CSV file of them relative to the configuration file; "
+        "joined by a C2 cubic spline [rad or m]",
+    )
+    blend: NonNegative = Field(
+        default=0.0, description="length on each side of a corner of tray_poses that is rounded; 0 stops there [m]"
+    )
+    tolerance: PathTolerance = Field(
+        default=PathTolerance(),
+        description="accuracy of the inverse kinematics between the samples of the tray path",
+    )
+    steps: tuple[StepConfig, ...] | None = Field(
+        default=None, description="steps of a robot on its feet, one foot after the other, soles level along x"
+    )
+    start: tuple[Real, ...] | StanceConfig | None = Field(
+        default=None,
+        description="joint position near which the inverse kinematics starts, without it the best of many [rad or m]; "
+        "with steps where the feet stand before the first one [m]",
+    )
+    lift: Length = Field(default=0.05, description="with steps: how high the foot is lifted [m]")
+    inset: Distance = Field(
+        default=0.012,
+        description="with steps: how far inside the middle of the standing foot, towards the other one, the centre of "
+        "mass passes [m]",
+    )
+    pelvis_height: Length | None = Field(
+        default=None,
+        description="with steps: height of the pelvis over the soles; without it that of the model's first keyframe "
+        "[m]",
+    )
+    rail: RailConfig | None = Field(
+        default=None, description="with steps: a rail on which a hand rests in one place all the way"
+    )
+
+    @property
+    def poses(self) -> tuple[FramePose, ...] | None:
+        """Return the poses of the carrier frame: the tray's, or the tool's where there is no tray."""
+        return self.tray_poses if self.tray_poses is not None else self.tool_poses
+
+    @property
+    def poses_key(self) -> str:
+        """Return the key under which these poses are given."""
+        return "tray_poses" if self.tray_poses is not None else "tool_poses"

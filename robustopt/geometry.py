@@ -1,0 +1,169 @@
+"""Convex polygons in a plane, and axes of contacts.
+
+A polygon is an array of its corners, shape (n, 2), counter-clockwise, [m]; an empty one has shape (0, 2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from robustopt.arrays import Array
+
+RESOLUTION = 1e-9
+"""Lengths below a nanometre count as zero: far above rounding errors, far below any real object."""
+
+
+def rectangle(center: Array, size: Array, yaw: float = 0.0) -> Array:
+    """Rectangle of edge lengths `size` (2,) about `center` (2,), turned by `yaw` [rad], shape (4, 2)."""
+    corners = 0.5 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) * np.asarray(size)[:2]
+    return np.asarray(center)[:2] + corners @ rotation(yaw).T
+
+
+def regular_polygon(center: Array, radius: float, points: int, yaw: float = 0.0) -> Array:
+    """Regular polygon inscribed in a circle, first corner at angle `yaw` [rad], shape (points, 2)."""
+    angle = yaw + 2.0 * np.pi * np.arange(points) / points
+    return np.asarray(center)[:2] + radius * np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def rotation(yaw: float) -> Array:
+    """Rotation matrix in the plane, shape (2, 2)."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    matrix: Array = np.array([[c, -s], [s, c]])
+    return matrix
+
+
+def half_planes(polygon: Array) -> tuple[Array, Array]:
+    """Outward unit normals n, shape (n, 2), and offsets h, shape (n,): the polygon is {p: n p <= h}."""
+    edge = np.roll(polygon, -1, axis=0) - polygon
+    normal = np.column_stack([edge[:, 1], -edge[:, 0]])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    return normal, np.einsum("ij,ij->i", normal, polygon)
+
+
+def area(polygon: Array) -> float:
+    """Area of a polygon [m^2], by the shoelace formula; 0 for an empty one."""
+    x, y = polygon[:, 0], polygon[:, 1]
+    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+
+
+def clip(polygon: Array, other: Array) -> Array:
+    """Intersection of two convex polygons, shape (n, 2); empty where they do not overlap."""
+    return _cut(polygon, *half_planes(other))
+
+
+def erode(polygon: Array, distance: float, yaw: float = 0.0) -> Array:
+    """What is left of a polygon when each of its corners may be `distance` off along x and y.
+
+    {p: p + d in polygon for every d in the square [-distance, distance]^2 turned by `yaw`}: each edge n p <= h
+    moves inwards by the square's reach along n, distance (|n_x| + |n_y|) in the square's own axes. Every point
+    of the result is inside the hull of the corners wherever in their squares they are (separating line).
+    """
+    normal, offset = half_planes(polygon)
+    reach = distance * np.abs(normal @ rotation(yaw)).sum(axis=1)
+    return _cut(polygon, normal, offset - reach)
+
+
+def contains(polygon: Array, point: Array, tolerance: float = RESOLUTION) -> bool:
+    """Whether a point is inside a convex polygon, or at most `tolerance` [m] outside one of its edges."""
+    if len(polygon) < 3:
+        return False
+    normal, offset = half_planes(polygon)
+    return bool(np.all(normal @ np.asarray(point)[:2] <= offset + tolerance))
+
+
+def convex_hull(points: Array) -> Array:
+    """Corners of the convex hull of points in the plane (n, 2), by Andrew's monotone chain."""
+    ordered = sorted(map(tuple, points))
+
+    def chain(sequence: list[tuple[float, ...]]) -> list[tuple[float, ...]]:
+        corners: list[tuple[float, ...]] = []
+        for p in sequence:
+            while len(corners) > 1 and _turn(corners[-2], corners[-1], p) <= RESOLUTION**2:
+                corners.pop()
+            corners.append(p)
+        return corners[:-1]
+
+    return np.array(chain(ordered) + chain(ordered[::-1])).reshape(-1, 2)
+
+
+def _turn(a: tuple[float, ...], b: tuple[float, ...], c: tuple[float, ...]) -> float:
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+
+
+def _cut(polygon: Array, normal: Array, offset: Array) -> Array:
+    """The part of a convex polygon in all half-planes n p <= h (Sutherland and Hodgman)."""
+    for n, h in zip(normal, offset, strict=True):
+        depth = polygon @ n - h
+        inside = depth <= RESOLUTION
+        if inside.all():
+            continue
+        corners = []
+        for i, p in enumerate(polygon):
+            j = (i + 1) % len(polygon)
+            if inside[i]:
+                corners.append(p)
+            if inside[i] != inside[j]:
+                corners.append(p + depth[i] / (depth[i] - depth[j]) * (polygon[j] - p))
+        polygon = _without_repetitions(np.array(corners).reshape(-1, 2))
+        if len(polygon) < 3:
+            return np.empty((0, 2))
+    return polygon if area(polygon) > RESOLUTION**2 else np.empty((0, 2))
+
+
+def _without_repetitions(polygon: Array) -> Array:
+    step = np.linalg.norm(polygon - np.roll(polygon, 1, axis=0), axis=1)
+    return np.asarray(polygon[step > RESOLUTION])
+
+
+def common_direction(normals: Sequence[Array], friction: Sequence[float]) -> Array | None:
+    """A unit vector (3,) that all forces in the friction cones of some contacts have a positive part along, or None.
+
+    normals: of the contacts, (3,) each, not more than two different ones; friction: coefficient of each. A direction at
+    an angle a from a normal is such for its cone if a + atan(mu) < 90 degrees; between two normals the middle of what
+    both allow is taken. Without one, contacts could press against each other with any force (our choice).
+    """
+    first, cones = normals[0], np.arctan(friction)
+    angles = np.arccos(np.clip(np.array(normals) @ first, -1.0, 1.0))
+    angle, other = float(angles.max()), normals[int(np.argmax(angles))]
+    if angle < 1e-6:
+        return first
+    here = angles < 0.5 * angle
+    low = max(0.0, angle + float(cones[~here].max()) - 0.5 * np.pi)
+    high = min(angle, 0.5 * np.pi - float(cones[here].max()))
+    if low >= high or angle > np.pi - 1e-6:
+        return None
+    across = other - np.cos(angle) * first
+    middle = 0.5 * (low + high)
+    return np.asarray(np.cos(middle) * first + np.sin(middle) * across / np.linalg.norm(across))
+
+
+def contact_axes(normal: Sequence[float] | Array, along: Sequence[float] | Array) -> Array:
+    """Axes of a contact as columns (3, 3): z is its normal, x what of a direction is at a right angle to that.
+
+    The vectors may have any length, but must not be parallel.
+    """
+    z = np.asarray(normal, dtype=float) / np.linalg.norm(normal)
+    x = np.asarray(along, dtype=float) - (np.asarray(along) @ z) * z
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+def rotation_rpy(rpy: Sequence[float]) -> Array:
+    """Return the rotation matrix (3, 3) of roll, pitch and yaw about the fixed x, y and z axes [rad]."""
+    (cx, cy, cz), (sx, sy, sz) = np.cos(rpy), np.sin(rpy)
+    return np.array(
+        [
+            [cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx],
+            [sz * cy, sz * sy * sx + cz * cx, sz * sy * cx - cz * sx],
+            [-sy, cy * sx, cy * cx],
+        ]
+    )
+
+
+def yaw_matrix(yaw: float) -> Array:
+    """Return the rotation matrix (3, 3) of a rotation about z [rad]."""
+    matrix = np.eye(3)
+    matrix[:2, :2] = rotation(yaw)
+    return matrix

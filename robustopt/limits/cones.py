@@ -1,0 +1,189 @@
+"""Cones of wrenches that a flat patch with Coulomb friction can transmit.
+
+A wrench is force then moment. A patch presses along the z axis of its own axes. Its contact forces are combinations of
+the edges of the friction cones at its corners; the cone of their wrenches has explicit facets, which are those of the
+hull of its section by unit normal force.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from robustopt.arrays import Array, Flags, Indices
+
+MOST_GENERATORS = 128
+"""Edges of all friction cones of a patch up to which its facets are made: 588 for a rectangle at 16 edges, 1976 for a
+round patch of 8 points; at 192 generators there are 5556."""
+
+FACET_TOLERANCE = 1e-8
+"""Part of the normal force by which a facet may cut off a generator; the hull code merges facets to about 1e-12."""
+
+FACET_MERGE = 1e-9
+"""Facets whose unit normals agree to this are one facet that the hull code has triangulated."""
+
+ABOVE = np.array([0.0, 0.0, 1.0])
+"""Point above a patch of unit size about which facets are compared, nearer to the centres of mass: in blocks of facets
+that are alike there, a third fewer may bind than in those alike about the patch's origin."""
+
+
+def about_point(point: Array) -> Array:
+    """Return the matrix (6, 6) that turns a wrench about the origin into one about `point` (3,) [m]."""
+    transform, (x, y, z) = np.eye(6), point
+    transform[3, 1], transform[3, 2], transform[4, 0] = z, -y, -z
+    transform[4, 2], transform[5, 0], transform[5, 1] = x, y, -x
+    return transform
+
+
+def into_axes(axes: Array) -> Array:
+    """Return the matrix (6, 6) that expresses a wrench in other axes, given as columns (3, 3)."""
+    transform = np.zeros((6, 6))
+    transform[:3, :3] = transform[3:, 3:] = axes.T
+    return transform
+
+
+def friction_edges(mu: float, edges: int) -> Array:
+    """Return the edges of the inner approximation of a friction cone, unit normal force, first along x, (edges, 3)."""
+    angle = 2 * np.pi * np.arange(edges) / edges
+    return np.array([mu * np.cos(angle), mu * np.sin(angle), np.ones(edges)]).T
+
+
+def wrench_generators(points: Array, mu: float, edges: int, axes: Array | None = None) -> Array:
+    """Return the wrenches of the edge forces at contact points.
+
+    Args:
+        points: contact points (n, 3) [m].
+        mu: coefficient of friction.
+        edges: number of edges of each friction cone.
+        axes: axes of the contact as columns (3, 3), its normal last; by default those of the points.
+
+    Returns:
+        Wrenches about the origin, the edges of a point side by side, (6, n * edges).
+    """
+    forces = friction_edges(mu, edges).T
+    fx, fy, fz = forces if axes is None else axes @ forces
+    x, y, z = points.T[:, :, None]
+    wrenches = np.empty((6, len(points), edges))
+    wrenches[0], wrenches[1], wrenches[2] = fx, fy, fz
+    wrenches[3], wrenches[4], wrenches[5] = y * fz - z * fy, z * fx - x * fz, x * fy - y * fx
+    return wrenches.reshape(6, -1)
+
+
+@dataclass(frozen=True, eq=False)
+class UnitCone:
+    """The wrench cone of a flat patch of unit size at mu = 1, moments about the patch's origin.
+
+    Attributes:
+        facets: rows (F, 6), each scaled to -1 of the normal force, so that its value is a fraction of that force;
+            similar rows are neighbours.
+        tips: whether a row bounds tipping rather than slip (F,).
+    """
+
+    facets: Array
+    tips: Flags
+
+
+@lru_cache(maxsize=256)
+def _unit_cone(polygon: tuple[tuple[float, float], ...], edges: int) -> UnitCone | None:
+    """Return the cone of a patch, or None if the hull code gives up or its facets cut off a generator.
+
+    The section f_z = 1 of the cone is the hull of the generators, all of which have f_z = 1.
+    """
+    points = np.column_stack([np.array(polygon), np.zeros(len(polygon))])
+    generators = wrench_generators(points, 1.0, edges)
+    try:
+        equations = ConvexHull(generators[[0, 1, 3, 4, 5]].T).equations
+    except QhullError:
+        return None
+    facets = np.column_stack([equations[:, :2], equations[:, 5], equations[:, 2:5]])
+    _, first = np.unique(np.round(facets / FACET_MERGE), axis=0, return_index=True)
+    facets = merge_close(facets[np.sort(first)])
+    facets /= -facets[:, 2:3]
+    facets = facets[by_likeness(facets @ about_point(-ABOVE), np.arange(len(facets)))]
+    outside = (facets @ generators).max()
+    return None if outside > FACET_TOLERANCE else UnitCone(facets, tipping_rows(facets, generators, edges))
+
+
+def merge_close(facets: Array) -> Array:
+    """Return the facets without those that repeat an earlier one to within rounding."""
+    order = np.lexsort(np.round(facets, 6).T)
+    facets = facets[order]
+    new = np.r_[True, np.abs(np.diff(facets, axis=0)).max(axis=1) > 1e3 * FACET_MERGE]
+    return np.asarray(facets[new])
+
+
+def by_likeness(facets: Array, indices: Indices) -> Indices:
+    """Return the indices (k,) in an order in which similar facets (F, d) are neighbours: cut in two, again and again.
+
+    Each half but the last has a power of two, so the blocks of 2^k that the polygons bound together are such parts.
+    """
+    if len(indices) <= 2:
+        return indices
+    part = facets[indices]
+    widest = int(np.argmax(part.max(axis=0) - part.min(axis=0)))
+    indices = indices[np.argsort(part[:, widest], kind="stable")]
+    half = 1 << (len(indices) - 1).bit_length() - 1
+    return np.concatenate([by_likeness(facets, indices[:half]), by_likeness(facets, indices[half:])])
+
+
+def patch_cone(polygon: Array, edges: int) -> UnitCone | None:
+    """Return the unit cone of a patch (n, 2) about its own origin, or None if it is better not made.
+
+    That is so for cones of many generators, whose facets are thousands, and if the hull code cannot resolve the cone.
+    """
+    if len(polygon) * edges > MOST_GENERATORS:
+        return None
+    return _unit_cone(tuple(map(tuple, np.round(polygon / _size(polygon), 12).tolist())), edges)
+
+
+def patch_facets(polygon: Array, mu: float, edges: int) -> Array:
+    """Return the facets of the wrench cone of a flat patch, moments about the origin of its plane, (F, 6).
+
+    The cone scales exactly with the coefficient of friction, A_mu = A_1 diag(1/mu, 1/mu, 1, 1, 1, 1/mu), and with the
+    size of the patch, so one hull serves all. The origin must lie inside the patch; then every facet bounds the normal
+    force from below, and is scaled to a coefficient -1 of it.
+
+    Args:
+        polygon: corners of the patch (n, 2) [m].
+        mu: coefficient of friction.
+        edges: number of edges of each friction cone.
+
+    Raises:
+        QhullError: the hull code fails.
+    """
+    cone = _unit_cone(tuple(map(tuple, np.round(polygon / _size(polygon), 12).tolist())), edges)
+    if cone is None:
+        raise QhullError("the hull of the friction cone's section cannot be resolved")
+    return scaled(cone, polygon, mu)
+
+
+def _size(polygon: Array) -> float:
+    return float(np.abs(polygon).max())
+
+
+def scaled(cone: UnitCone, polygon: Array, mu: float) -> Array:
+    """Return the facets of a unit cone for a coefficient of friction and the size of a patch, (F, 6)."""
+    size = _size(polygon)
+    return np.asarray(cone.facets / np.array([mu, mu, 1.0, size, size, mu * size]))
+
+
+def tipping_rows(rows: Array, generators: Array, edges: int) -> Flags:
+    """Return which rows (F, d) bound tipping over contact points, (F,).
+
+    A row is the power of a motion of the body. If all friction edges of a contact point lie on it, the motion leaves
+    that point where it is; if only some do, the point slides; the others lift off. A motion that lets points lift off
+    around some that stay, and none slide, is tipping; everything else is slip, pivoting included.
+
+    Args:
+        rows: the rows.
+        generators: friction edges (d, k), those of a contact point side by side.
+        edges: number of edges of each contact point.
+    """
+    products = np.abs(rows @ generators)
+    flat = products <= 1e-7 * products.max(axis=1, keepdims=True)
+    flat = flat.reshape(len(rows), -1, edges)
+    stays, touches = flat.all(axis=2), flat.any(axis=2)
+    return np.asarray(stays.any(axis=1) & (stays == touches).all(axis=1))

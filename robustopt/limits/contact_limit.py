@@ -1,0 +1,94 @@
+"""The limits of a contact system along the path."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from robustopt.arrays import Array, Flags, Indices
+from robustopt.limits.formulas import evaluate
+from robustopt.limits.names import LimitName
+from robustopt.limits.polygons import Loads, Polygons, cut_part, facet_family
+from robustopt.limits.systems import ContactSystem
+
+NO_BASE, NO_TERMS = np.zeros((0, 0, 3)), np.zeros((0, 0, 0))
+
+
+@dataclass(frozen=True, eq=False)
+class ContactLimit:
+    """A contact system and its required wrenches along the path, held to some rows.
+
+    Attributes:
+        system: the contact system.
+        loads: its required wrenches.
+        weight: weight that the system carries, of which rows are fractions [N].
+        facets: rows that the limit is held to, as fractions of the weight (F, d).
+        kinds: index of the name of each row (F,).
+        first: first grid point at which the contact exists.
+        last: last one, included; to the end of the grid if negative.
+    """
+
+    system: ContactSystem
+    loads: Loads
+    weight: float
+    facets: Array
+    kinds: Indices
+    first: int = 0
+    last: int = -1
+
+    @classmethod
+    def of(cls, system: ContactSystem, loads: Loads, weight: float, first: int = 0, last: int = -1) -> ContactLimit:
+        """Return the limit with all explicit rows of a system; arguments as the attributes."""
+        return cls(system, loads, weight, system.facets / weight, system.kinds, first, last)
+
+    @property
+    def names(self) -> tuple[LimitName, ...]:
+        """Return the names of the system's limits."""
+        return self.system.names
+
+    def with_facets(self, facets: Array, kinds: Indices | None = None) -> ContactLimit:
+        """Return the limit held to other rows (F, d); by default the system tells which of its names they have."""
+        return replace(self, facets=facets, kinds=self.system.kind_of(facets) if kinds is None else kinds)
+
+    def with_more(self, facets: Array, kinds: Indices) -> ContactLimit:
+        """Return the limit held to more rows (F, d) of the given kinds (F,)."""
+        return self.with_facets(np.concatenate([self.facets, facets]), np.concatenate([self.kinds, kinds]))
+
+    def with_all_facets(self) -> ContactLimit:
+        """Return the limit held to all explicit rows of its system; a solver may have added only violated ones."""
+        if not self.system.complete or len(self.system.facets) <= len(self.facets):
+            return self
+        return self.with_facets(self.system.facets / self.weight, self.system.kinds)
+
+    def cut(self, polygons: Polygons, index: Indices, used: Flags) -> Polygons:
+        """Return the polygons cut with the rows; see `Limit`."""
+        chosen = used[self.kinds]
+        family = facet_family(self.facets[chosen], self.loads, index[self.kinds[chosen]])
+        return cut_part(polygons, family, self.first, self.last)
+
+    def excess(self, u: Array, x: Array, points: Indices) -> Array:
+        """Return the largest excess of the rows of each name, as a fraction of the weight; see `Limit`."""
+        values = evaluate(self.facets, self.loads.at(points), NO_BASE, NO_TERMS, u, x)
+        most = np.full((len(points), len(self.names)), -np.inf)
+        for k in range(len(self.names)):
+            most[:, k] = values[:, self.kinds == k].max(axis=1, initial=-np.inf)
+        return np.where(self.holds_at(points)[:, None], most, -np.inf)
+
+    def holds_at(self, points: Indices) -> Flags:
+        """Return at which of the grid points (M,) the contact exists, (M,)."""
+        return np.asarray((points >= self.first) & ((points <= self.last) | (self.last < 0)))
+
+    def wrench(self, points: Indices, u: Array, x: Array) -> Array:
+        """Return the required wrenches with every uncertain quantity at the middle of its interval.
+
+        Args:
+            points: grid points (M,).
+            u: sdd (M,).
+            x: sd^2 (M,).
+
+        Returns:
+            Stacked wrenches (M, d) [N, N m].
+        """
+        coefficients = self.loads.middle()[points]
+        return coefficients[:, :, 0] * u[:, None] + coefficients[:, :, 1] * x[:, None] + coefficients[:, :, 2]

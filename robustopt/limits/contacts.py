@@ -1,0 +1,158 @@
+"""The contact limits of a configuration, and the torque limits that depend on them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from robustopt.arrays import Array, Indices
+from robustopt.config import Config
+from robustopt.config.object_model import GripConfig
+from robustopt.errors import ConfigError
+from robustopt.limits.bodies import Body
+from robustopt.limits.contact_limit import ContactLimit
+from robustopt.limits.hands import hand_force, hand_systems
+from robustopt.limits.laws import ContactLaw
+from robustopt.limits.names import LimitKind
+from robustopt.limits.polygons import Loads
+from robustopt.limits.stances import eroded_sole, stance_system
+from robustopt.limits.systems import ContactSystem, object_systems
+from robustopt.limits.torque import TorqueLimit, legged_torque
+from robustopt.limits.track import Track
+from robustopt.limits.uncertainty import Uncertainty
+from robustopt.limits.wrenches import Finger, with_forces
+from robustopt.scene.patches import Law, patches
+
+STANDARD_GRAVITY = 9.81
+"""Turns a mass into the weight of which contact rows are fractions, whatever the configured gravity [m/s^2]."""
+
+
+def contact_limits(
+    config: Config, track: Track, uncertainty: Uncertainty, laws: Mapping[str, ContactLaw] | None = None
+) -> tuple[ContactLimit, ...]:
+    """Return the limits of all contacts: of each stance of a walking robot, of the objects, of several hands.
+
+    Args:
+        config: the configuration.
+        track: the track.
+        uncertainty: the uncertain quantities.
+        laws: laws of a user, by the name of the contact of an object.
+
+    Raises:
+        ConfigError: a law is for a contact that no object has.
+    """
+    _require_contacts(config, laws or {})
+    friction, shift = uncertainty.worst_friction, dict(uncertainty.contact_points)
+    systems = (
+        *object_systems(config, friction, shift, laws),
+        *hand_systems(config, track.robot.hands, friction, shift),
+    )
+    return *stance_limits(config, track, uncertainty), *carried_limits(config, track, uncertainty, systems)
+
+
+def _require_contacts(config: Config, laws: Mapping[str, ContactLaw]) -> None:
+    names = [patch.name for patch in patches(config)]
+    for name in laws:
+        if name not in names:
+            known = ", ".join(names)
+            raise ConfigError(
+                f"a law is given for {name}, which is no contact of an object; expected {known}", "objects"
+            )
+
+
+def carried_limits(
+    config: Config, track: Track, uncertainty: Uncertainty, systems: Sequence[ContactSystem]
+) -> list[ContactLimit]:
+    """Return the limits of the contact systems of all that a robot carries.
+
+    The moments of each object are about the nominal centre of mass of its load, where interval terms are small.
+    """
+    everything = {body.name: body for body in uncertainty.bodies}
+    found = []
+    for system in systems:
+        loaded = tuple(tuple(everything[name] for name in row) for row in system.loads)
+        parameters = [np.sum([body.nominal for body in row], axis=0) for row in loaded]
+        centred = system.about([phi[1:4] / phi[0] for phi in parameters])
+        weight = STANDARD_GRAVITY * sum(phi[0] for phi in parameters)
+        loads = _required(config, track, uncertainty, centred, loaded)
+        found.append(ContactLimit.of(centred, loads, weight))
+    return found
+
+
+def _required(
+    config: Config, track: Track, uncertainty: Uncertainty, system: ContactSystem, loaded: Sequence[Sequence[Body]]
+) -> Loads:
+    loads = track.loads(loaded, system.points, uncertainty.error)
+    if not system.pressed:
+        return loads
+    forces = dict(uncertainty.forces)
+    for hand in track.robot.hands:
+        forces[hand.name] = hand_force(config, hand, uncertainty.worst_friction)
+    fingers = [_finger(config, name) for name in system.pressed]
+    return with_forces(
+        loads, [forces[name] for name in system.pressed], fingers, track.motion, uncertainty.error.arrays
+    )
+
+
+def _finger(config: Config, name: str) -> Finger | None:
+    """Return the driven finger that holds an object, if it has a mass."""
+    held = config.objects[name].held_by if name in config.objects else None
+    if held is None or not isinstance(held.tool, GripConfig) or held.tool.finger_mass == 0.0:
+        return None
+    pad = next(patch for patch in patches(config) if patch.object == name and patch.law is Law.DRIVEN_PAD)
+    return Finger(held.tool.finger_mass, pad.origin, pad.axes[:, 2])
+
+
+def stance_limits(config: Config, track: Track, uncertainty: Uncertainty) -> list[ContactLimit]:
+    """Return the limit of the environment contacts of each stance."""
+    robot, path = track.robot, track.path
+    if not path.stances:
+        return []
+    on_base = _first_rows(track.generalised_force(uncertainty), robot.base)
+    soles = certain_soles(track, uncertainty)
+    borders = np.searchsorted(track.s, np.concatenate([[0.0], path.switches, [1.0]])).tolist()
+    mass = robot.mass + sum(body.nominal[0] for body in uncertainty.bodies)
+    friction, edges = uncertainty.worst_friction, config.contact.cone_edges
+    return [
+        ContactLimit.of(stance_system(stance, soles, friction, edges), on_base, STANDARD_GRAVITY * mass, first, last)
+        for stance, first, last in zip(path.stances, borders[:-1], borders[1:], strict=True)
+    ]
+
+
+def _first_rows(loads: Loads, count: int) -> Loads:
+    """Return the first coordinates of required wrenches."""
+    names = ("nominal", "terms", "constant", "remainder")
+    return loads._replace(**{name: np.ascontiguousarray(getattr(loads, name)[:, :count]) for name in names})
+
+
+def certain_soles(track: Track, uncertainty: Uncertainty) -> dict[str, Array]:
+    """Return the part of each environment contact that is certain, about its centre (k, 2) [m].
+
+    Raises:
+        ConfigError: nothing of a contact is certain.
+    """
+    shift = dict(uncertainty.contact_points)
+    return {name: eroded_sole(sole.points, shift[name], name) for name, sole in track.robot.contacts.items()}
+
+
+def torque_limit(track: Track, uncertainty: Uncertainty, contacts: Sequence[ContactLimit]) -> TorqueLimit:
+    """Return the torque limits of the joints: with a floating base those of a legged robot, else of an arm."""
+    robot = track.robot
+    if not robot.base:
+        payload = track.loads((uncertainty.bodies,), (np.zeros(3),), uncertainty.error)
+        return track.payload_torque(payload, uncertainty.error)
+    stances = tuple(contacts[: len(track.path.stances)])
+    return legged_torque(
+        track.motion, track.names(LimitKind.TORQUE), robot.limits.torque, robot.chains, robot.base,
+        track.generalised_force(uncertainty), stances, _standing(track, stances), certain_soles(track, uncertainty),
+        track.x_max,
+    )  # fmt: skip
+
+
+def _standing(track: Track, contacts: Sequence[ContactLimit]) -> Indices:
+    """Return the index of the stance of each grid point (P,), at a switch of the one with fewer contacts."""
+    standing = np.zeros(len(track.s), dtype=np.intp)
+    for k in sorted(range(len(contacts)), key=lambda k: -len(track.path.stances[k].contacts)):
+        standing[contacts[k].first : contacts[k].last + 1] = k
+    return standing

@@ -1,0 +1,160 @@
+"""Generalised force W of the motion of a legged robot, with every uncertain quantity still open.
+
+W (n,) is affine in (u, x): first the wrench that the environment contacts must supply, about the world's origin, then
+the joint torques without them. An acceleration error e adds M e. A body enters through its ten inertial parameters, as
+the force J^T w of its required wrench: bodies of the robot whose mass or centre of mass is uncertain, in place of their
+nominal values, and all that the robot carries.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from robustopt.arrays import Array, Indices
+from robustopt.limits.bodies import Body, regressor, spin_regressor, uncertain_body
+from robustopt.limits.motion import PathMotion
+from robustopt.limits.polygons import Loads
+from robustopt.limits.uncertainty import Uncertainty
+from robustopt.robot import Robot
+from robustopt.robot.dynamics import BodyMotion
+
+
+def generalised_force(robot: Robot, motion: PathMotion, uncertainty: Uncertainty) -> Loads:
+    """Return the generalised force of a legged robot.
+
+    Args:
+        robot: the robot.
+        motion: motion along the path.
+        uncertainty: the uncertain quantities.
+
+    Returns:
+        Generalised force (P, n, ...) [N, N m].
+    """
+    total = _Total(motion, *uncertainty.error.arrays)
+    for body, moving, nominal in _bodies(robot, motion, uncertainty):
+        total.add(body, moving, nominal)
+    if uncertainty.squeeze and len(robot.hands) > 1:
+        between = robot.hands[1].point - robot.hands[0].point
+        total.add_interval(uncertainty.squeeze * motion.squeeze_torque(between / np.linalg.norm(between)))
+    return total.loads()
+
+
+def _bodies(
+    robot: Robot, motion: PathMotion, uncertainty: Uncertainty
+) -> Iterator[tuple[Body, BodyMotion, Array | None]]:
+    """Yield the bodies to add, how they move, and the inertial parameters that the robot's model has for them."""
+    for name, interval, reach in uncertainty.robot_bodies:
+        mass, center, inertia = robot.inertia_of(name)
+        body = uncertain_body(name, interval or (mass, mass), center, inertia / mass, np.diag(reach))
+        as_in_model = uncertain_body(name, (mass, mass), center, inertia / mass, np.zeros((3, 3)))
+        yield body, robot.body_motion(name, motion.q, motion.q1, motion.q2), as_in_model.nominal
+    if motion.dynamics.carrier is not None:
+        carried = _carrier_motion(motion, robot.base)
+        for body in uncertainty.bodies:
+            yield body, carried, None
+
+
+def _carrier_motion(motion: PathMotion, base: int) -> BodyMotion:
+    """Return the motion of the carrier frame as that of a body."""
+    carrier = motion.carrier
+    J, R, p = carrier.jacobian, carrier.rotation, carrier.position
+    per_u = (J @ motion.q1[:, :, None])[:, :, 0]
+    per_x = (J @ motion.q2[:, :, None])[:, :, 0] + carrier.bias
+    to_force = np.swapaxes(J, 1, 2).copy()
+    to_force[:, :base] = 0.0
+    to_force[:, :3, :3] = to_force[:, 3:base, 3:] = R
+    to_force[:, 3:base, :3] = np.cross(p[:, None], np.swapaxes(R, 1, 2)).swapaxes(1, 2)
+    return BodyMotion(
+        per_u[:, :3], per_x[:, :3], -carrier.gravity, per_u[:, 3:], per_x[:, 3:], per_u[:, 3:], J, to_force
+    )  # fmt: skip
+
+
+class _Total:
+    """The generalised force of the links, to which bodies are added."""
+
+    def __init__(self, motion: PathMotion, middle: Array, radius: Array) -> None:
+        dynamics = motion.dynamics
+        self._middle, self._radius = middle, radius
+        self._erring: Indices = np.flatnonzero(radius)
+        nominal = np.stack([dynamics.force_u, dynamics.force_x, dynamics.force_0], axis=2)
+        nominal[:, :, 2] += dynamics.mass_matrix @ middle
+        self._shape = dynamics.force_u.shape
+        self._groups = [nominal]
+        self._shaken = [np.swapaxes(dynamics.mass_matrix[:, :, self._erring], 1, 2)]
+        self._terms: list[tuple[int, Array]] = []
+        self._remainders: list[tuple[int, Array]] = []
+        self._lowest, self._highest = [1.0], [1.0]
+        self._intervals: list[Array] = []
+
+    def add(self, body: Body, moving: BodyMotion, nominal: Array | None) -> None:
+        """Add a body; `nominal` (10,) are the inertial parameters that the links have for it already."""
+        steps = body.linear[np.any(body.linear != 0, axis=1)]
+        squares = body.remainder[np.any(body.remainder != 0, axis=1)]
+        certain = body.mass[0] == body.mass[1]
+        factor = body.mass[0] if certain else 1.0
+        parameters = factor * np.vstack([body.psi, steps, squares])
+        forces, shakes = _forces(moving, parameters, self._erring, self._middle)
+        group = 0 if certain else len(self._groups)
+        if nominal is not None:
+            known, shake = _forces(moving, nominal[None], self._erring, self._middle)
+            self._groups[0], self._shaken[0] = self._groups[0] - known[0], self._shaken[0] - shake[0]
+        if certain:
+            self._groups[0], self._shaken[0] = self._groups[0] + forces[0], self._shaken[0] + shakes[0]
+        else:
+            self._groups, self._shaken = [*self._groups, forces[0]], [*self._shaken, shakes[0]]
+            self._lowest, self._highest = [*self._lowest, body.mass[0]], [*self._highest, body.mass[1]]
+        self._terms += [(group, term) for term in forces[1 : 1 + len(steps)]]
+        self._remainders += [(group, term) for term in forces[1 + len(steps) :]]
+        if len(self._erring):
+            bound = np.einsum("kpen,e->pn", np.abs(shakes[1:]), self._radius[self._erring])
+            self._remainders.append((group, np.stack([np.zeros_like(bound), np.zeros_like(bound), bound], axis=2)))
+
+    def add_interval(self, term: Array) -> None:
+        """Add an interval term (P, n) that depends on neither u nor x, with a factor in [-1, 1]."""
+        self._intervals.append(term)
+
+    def loads(self) -> Loads:
+        """Return the generalised force of the links and all bodies."""
+        radius = self._radius[self._erring, None]
+        constant = [np.swapaxes(shake * radius, 1, 2) for shake in self._shaken]
+        constant += [term[:, :, None] for term in self._intervals]
+        groups = np.r_[np.repeat(np.arange(len(self._groups)), len(self._erring)), np.zeros(len(self._intervals), int)]
+        return Loads(
+            nominal=np.ascontiguousarray(np.stack(self._groups, axis=2)),
+            terms=self._stacked(self._terms),
+            group=np.array([g for g, _ in self._terms], dtype=np.int64),
+            constant=np.ascontiguousarray(np.concatenate(constant, axis=2)),
+            constant_group=groups,
+            remainder=self._stacked(self._remainders),
+            remainder_group=np.array([g for g, _ in self._remainders], dtype=np.int64),
+            lowest=np.array(self._lowest),
+            highest=np.array(self._highest),
+        )
+
+    def _stacked(self, terms: Sequence[tuple[int, Array]]) -> Array:
+        if not terms:
+            return np.zeros((*self._shape, 0, 3))
+        return np.ascontiguousarray(np.stack([term for _, term in terms], axis=2))
+
+
+def _forces(moving: BodyMotion, parameters: Array, erring: Indices, middle: Array) -> tuple[Array, Array]:
+    """Return the generalised forces of a body for K sets of its inertial parameters (K, 10).
+
+    Coefficients of u, x, 1 (K, P, n, 3) with the acceleration error at its middle, and per acceleration error
+    (K, P, E, n).
+    """
+    columns = np.r_[erring, np.flatnonzero(middle)]
+    jacobian = np.swapaxes(moving.jacobian[:, :, columns], 1, 2)
+    none = np.zeros_like(moving.linear_u)[:, None]
+    linear = np.concatenate([np.stack([moving.linear_u, moving.linear_x, moving.linear_0], 1), jacobian[..., :3]], 1)
+    angular = np.concatenate([np.stack([moving.angular_u, moving.angular_x], 1), none, jacobian[..., 3:]], 1)
+    Y = regressor(linear, angular)
+    Y[:, 1] += spin_regressor(moving.spin)
+    wrenches = np.einsum("pcij,kj->kpci", Y, parameters)
+    forces = wrenches @ np.swapaxes(moving.to_force, 1, 2)
+    per_unit, shakes = np.swapaxes(forces[:, :, :3], 2, 3).copy(), forces[:, :, 3 : 3 + len(erring)]
+    shift = middle[np.flatnonzero(middle)]
+    per_unit[..., 2] += np.einsum("kpen,e->kpn", forces[:, :, 3 + len(erring) :], shift)
+    return per_unit, shakes

@@ -1,0 +1,223 @@
+"""Contact laws: which wrenches a contact can transmit, and what presses it together.
+
+A wrench is extended by the force F that presses the part against the tool: the vacuum of a cup, the closing force of a
+gripper. In these coordinates (w, F) every law is a cone {G lambda, lambda >= 0} with rows A (w, F) <= 0, so that F is
+one more uncertain quantity, whose worst end the sign of its coefficient chooses:
+
+- friction: the edges of the friction cones, (g, 0); there is no F.
+- suction: the edges at the lip, (g, 0), and the vacuum, (-n, 1), which pulls the part against the lip. The rows are
+  those
+  of the friction cone, A (w + F n) <= 0.
+- grip: the edges of the driven pad, (g, 1), and of the fixed pad, (g, 0): the normal forces of the driven pad sum to F.
+
+If the pressure is prescribed, rows for the twist come on top (see `twist`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from robustopt.arrays import Array, Flags
+from robustopt.limits.cones import (
+    FACET_MERGE,
+    FACET_TOLERANCE,
+    MOST_GENERATORS,
+    about_point,
+    into_axes,
+    merge_close,
+    patch_cone,
+    scaled,
+    wrench_generators,
+)
+from robustopt.limits.names import LimitKind, LimitName
+from robustopt.limits.twist import cup_rows, grip_rows
+from robustopt.scene.patches import Law, Patch
+
+NO_ROWS = np.zeros((0, 6))
+
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """One contact of an object: a patch, or the two pads of a gripper.
+
+    Wrenches act on the object, moments about the carrier's origin, carrier axes; with a force F the last of the d = 7
+    coordinates, else d = 6.
+
+    Attributes:
+        patches: the patches.
+        generators: edges of the friction cones, then the vacuum if there is one (d, k).
+        edges_of_friction: number of the first kind.
+        rows: rows of the cone (F, d), or None if they are better not made.
+        tips: which rows bound tipping or peeling (F,).
+        twist: rows of the twist, if the pressure is prescribed (T, d).
+    """
+
+    patches: tuple[Patch, ...]
+    generators: Array
+    edges_of_friction: int
+    rows: Array | None
+    tips: Flags
+    twist: Array
+
+    @property
+    def object(self) -> str:
+        """Return the object that the contact holds."""
+        return self.patches[0].object
+
+    @property
+    def pressed(self) -> bool:
+        """Return whether a force presses the object against the tool."""
+        return len(self.generators) > 6
+
+    @property
+    def names(self) -> tuple[LimitName, ...]:
+        """Return the limits that the contact imposes: of rows that do not tip, of those that do, of the twist."""
+        patch = self.patches[0]
+        where = patch.object, patch.support
+        if patch.law is Law.FRICTION:
+            return LimitName(LimitKind.SLIP, *where), LimitName(LimitKind.TIPPING, *where)
+        if patch.law is Law.SUCTION:
+            return tuple(LimitName(kind, *where) for kind in (LimitKind.SLIP, LimitKind.PEEL, LimitKind.TWIST))
+        grip = LimitName(LimitKind.GRIP, patch.object)
+        return grip, grip, LimitName(LimitKind.TWIST, patch.object, "pads")
+
+
+ContactLaw = Callable[[Patch, float, int], Array]
+"""A contact law of a user: returns the edges of the cone of the wrenches that a patch can transmit, (6, k).
+
+Its arguments are the patch, its coefficient of friction, and the number of edges of each friction cone; wrenches act on
+the object, moments about the carrier's origin, carrier axes; the edges of a contact point stand side by side.
+"""
+
+
+def links(
+    patches: Sequence[Patch], friction: Mapping[str, float], edges: int, laws: Mapping[str, ContactLaw] | None = None
+) -> tuple[Link, ...]:
+    """Return the contacts that some patches form.
+
+    Args:
+        patches: the patches; the two pads of a gripper follow each other.
+        friction: coefficient of friction of each patch by its name.
+        edges: number of edges of each friction cone.
+        laws: laws of a user, by the name of the contact.
+    """
+    found, own = [], laws or {}
+    for patch, after in zip(patches, [*patches, None][1:], strict=True):
+        if patch.name in own:
+            found.append(_users(patch, own[patch.name](patch, friction[patch.name], edges)))
+        elif patch.law is Law.FRICTION:
+            found.append(_friction(patch, friction[patch.name], edges))
+        elif patch.law is Law.SUCTION:
+            found.append(_suction(patch, friction[patch.name], edges))
+        elif patch.law is Law.DRIVEN_PAD and after is not None:
+            found.append(_grip(patch, after, (friction[patch.name], friction[after.name]), edges))
+    return tuple(found)
+
+
+@lru_cache(maxsize=256)
+def _centred(patch: Patch) -> tuple[Array, Array]:
+    """Return the centre of a patch in the carrier frame (3,) and the patch about it, in its plane (n, 2)."""
+    middle = patch.polygon.mean(axis=0)
+    return patch.origin + patch.axes[:, :2] @ middle, patch.polygon - middle
+
+
+def _into_patch(patch: Patch) -> Array:
+    """Return the matrix (6, 6) that turns wrenches about the carrier's origin into the frame of a patch."""
+    centre, _ = _centred(patch)
+    return into_axes(patch.axes) @ about_point(centre)
+
+
+def _rows(patch: Patch, mu: float, edges: int) -> tuple[Array | None, Flags]:
+    """Return the rows of the friction cone of a patch, or None, and which of them tip."""
+    _, local = _centred(patch)
+    cone = patch_cone(local, edges)
+    if cone is None:
+        return None, np.zeros(0, dtype=bool)
+    return scaled(cone, local, mu) @ _into_patch(patch), cone.tips
+
+
+def _users(patch: Patch, generators: Array) -> Link:
+    """Return a contact with the law of a user, whose rows programs find."""
+    return Link((patch,), generators, generators.shape[1], None, np.zeros(0, dtype=bool), NO_ROWS)
+
+
+def _friction(patch: Patch, mu: float, edges: int) -> Link:
+    generators = wrench_generators(patch.points, mu, edges, patch.axes)
+    rows, tips = _rows(patch, mu, edges)
+    return Link((patch,), generators, generators.shape[1], rows, tips, NO_ROWS)
+
+
+def _suction(patch: Patch, mu: float, edges: int) -> Link:
+    centre, local = _centred(patch)
+    lip = wrench_generators(patch.points, mu, edges, patch.axes)
+    press = np.concatenate([patch.axes[:, 2], np.cross(centre, patch.axes[:, 2])])
+    generators = np.zeros((7, lip.shape[1] + 1))
+    generators[:6, :-1] = lip
+    generators[:6, -1], generators[6, -1] = -press, 1.0
+    rows, tips = _rows(patch, mu, edges)
+    if rows is not None:
+        rows = np.column_stack([rows, rows @ press])
+    twist = _extended(cup_rows(local, mu, edges), _into_patch(patch)) if patch.fixed else np.zeros((0, 7))
+    return Link((patch,), generators, lip.shape[1], rows, tips, twist)
+
+
+def _extended(rows: Array, into: Array) -> Array:
+    """Return rows over a local wrench and F (k, 7) as rows over the wrench that `into` (6, 6) turns into it, and F."""
+    return np.column_stack([rows[:, :6] @ into, rows[:, 6]])
+
+
+def _grip(driven: Patch, fixed: Patch, mu: tuple[float, float], edges: int) -> Link:
+    sides = [
+        wrench_generators(patch.points, m, edges, patch.axes) for patch, m in zip((driven, fixed), mu, strict=True)
+    ]
+    closing = np.repeat([1.0, 0.0], [side.shape[1] for side in sides])
+    generators = np.vstack([np.hstack(sides), closing])
+    centre, local = _centred(fixed)
+    rows = _grip_facets(driven, fixed, mu, edges)
+    twist = np.zeros((0, 7))
+    if driven.fixed:
+        opposite = (driven.points - centre) @ fixed.axes[:, :2]
+        twist = _extended(grip_rows(opposite, local, mu, edges), _into_patch(fixed))
+    tips = np.zeros(0 if rows is None else len(rows), dtype=bool)
+    return Link((driven, fixed), generators, generators.shape[1], rows, tips, twist)
+
+
+@lru_cache(maxsize=64)
+def _grip_facets(driven: Patch, fixed: Patch, mu: tuple[float, float], edges: int) -> Array | None:
+    """Return the facets of the cone of two opposed pads in (w, F), scaled to -1 of F where nothing else is required.
+
+    With n the normal of the fixed pad all generators have 2 F + n f = 1, so that is a section of the cone.
+    """
+    corners = len(driven.polygon) + len(fixed.polygon)
+    if corners * edges > MOST_GENERATORS:
+        return None
+    into = _into_patch(fixed)
+    parts = [
+        into @ wrench_generators(patch.points, m, edges, patch.axes)
+        for patch, m in zip((driven, fixed), mu, strict=True)
+    ]
+    section = np.vstack([np.hstack(parts)[[0, 1, 3, 4, 5]], np.repeat([1.0, 0.0], [part.shape[1] for part in parts])]).T
+    middle = section.mean(axis=0)
+    size = np.abs(section - middle).max(axis=0)
+    try:
+        equations = ConvexHull((section - middle) / size).equations
+    except QhullError:
+        return None
+    normals = equations[:, :6] / size
+    offset = equations[:, 6] - normals @ middle  # normals @ section + offset (2 F + n f) <= 0
+    rows = np.column_stack([normals[:, :2], offset, normals[:, 2:5], normals[:, 5] + 2.0 * offset])
+    rows /= -(rows @ _at_rest(section))[:, None]
+    rows = merge_close(rows[np.sort(np.unique(np.round(rows / FACET_MERGE), axis=0, return_index=True)[1])])
+    outside = np.column_stack([section[:, :2], 1.0 - 2.0 * section[:, 5], section[:, 2:]]) @ rows.T
+    return None if outside.max() > FACET_TOLERANCE else _extended(rows, into)
+
+
+def _at_rest(section: Array) -> Array:
+    """Return (w, F) of equal forces along all generators per unit of F, for a section without n f."""
+    mean = section.mean(axis=0)
+    return np.asarray(np.array([*mean[:2], 1.0 - 2.0 * mean[5], *mean[2:]]) / mean[5])

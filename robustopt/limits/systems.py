@@ -1,0 +1,263 @@
+"""Contact systems: held bodies and contacts whose forces must be found together.
+
+The required wrenches of the held bodies of a system, stacked, and the forces that press them against the tool must lie
+in a cone. Where an object hangs on one contact alone, everything that it carries loads that contact, and the cone has
+explicit rows. A bridge, its supports, or a part with several cups form a cycle in the contact graph: their forces are
+statically indeterminate, so they are one system, and programs share the wrench (`solvers.force_program`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from robustopt.arrays import Array, Flags, Indices
+from robustopt.config import Config
+from robustopt.limits.cones import about_point, tipping_rows
+from robustopt.limits.laws import ContactLaw, Link, links
+from robustopt.limits.names import LimitKind, LimitName
+from robustopt.scene.patches import eroded, patches
+from robustopt.scene.placement import supports
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A contact of a system whose twist a program has to bound.
+
+    Attributes:
+        columns: generators of the contact.
+        twist: rows of the twist over the amounts of these generators (T, k).
+    """
+
+    columns: slice
+    twist: Array
+
+
+@dataclass(frozen=True, eq=False)
+class ContactSystem:
+    """Held bodies whose contact forces must be found together.
+
+    Attributes:
+        objects: the held bodies; their wrenches are stacked.
+        loads: per held body the bodies whose weight and inertia it must carry, itself included.
+        pressed: the objects that a force presses against the tool; their forces follow the wrenches, so the system has
+            d = 6 * len(objects) + len(pressed) coordinates.
+        points: per held body the reference point of its moments, carrier frame (3,) [m].
+        generators: edges of all friction cones and vacuums (d, k); their cone is what the contacts can supply.
+        edges_of_friction: which generators are friction edges (k,).
+        facets: rows of the cone and of the twist, facets @ w <= 0, (F, d).
+        complete: whether the rows describe the whole cone; else programs over the generators find more.
+        kinds: index of the name of each row (F,).
+        names: limits that the system imposes; the first two are those of rows that slip and that tip.
+        edges: number of friction edges per contact point, which are neighbours among the generators.
+        interfaces: names of the contacts.
+        parts: contacts whose twist the programs must bound.
+        transform: coordinates that the generators supply per coordinate of the system (d', d), None for the same.
+    """
+
+    objects: tuple[str, ...]
+    loads: tuple[tuple[str, ...], ...]
+    pressed: tuple[str, ...]
+    points: tuple[Array, ...]
+    generators: Array
+    edges_of_friction: Flags
+    facets: Array
+    complete: bool
+    kinds: Indices
+    names: tuple[LimitName, ...]
+    edges: int
+    interfaces: tuple[str, ...]
+    parts: tuple[Part, ...] = ()
+    transform: Array | None = None
+
+    @property
+    def dimension(self) -> int:
+        """Return the number d of coordinates."""
+        return 6 * len(self.objects) + len(self.pressed)
+
+    @property
+    def interior(self) -> Array:
+        """Return a point well inside the cone: equal forces along all generators, of unit mean, (d,)."""
+        return np.asarray(self.generators.mean(axis=1))
+
+    @property
+    def bounds_twist(self) -> bool:
+        """Return whether some of the rows bound the twist, which no program over the generators knows of."""
+        return bool((self.kinds == 2).any())
+
+    def about(self, points: Sequence[Array]) -> ContactSystem:
+        """Return the same system with the moments of each held body about another point (3,) [m]."""
+        moved, facets = self.generators.copy(), self.facets.copy()
+        transform = None if self.transform is None else self.transform.copy()
+        for k, (new, old) in enumerate(zip(points, self.points, strict=True)):
+            block = slice(6 * k, 6 * k + 6)
+            facets[:, block] = facets[:, block] @ about_point(old - new)
+            if transform is None:
+                moved[block] = about_point(new - old) @ moved[block]
+            else:
+                transform[:, block] = transform[:, block] @ about_point(old - new)
+        return replace(self, points=tuple(points), generators=moved, facets=facets, transform=transform)
+
+    def kind_of(self, rows: Array) -> Indices:
+        """Return the index of the name of each row of the cone (F, d) that a program has found, (F,)."""
+        if len(set(self.names[:2])) == 1 or not len(rows):
+            return np.zeros(len(rows), dtype=np.intp)
+        edges = self.generators[:, self.edges_of_friction]
+        return np.asarray(tipping_rows(rows, edges, self.edges).astype(np.intp))
+
+
+def object_systems(
+    config: Config,
+    friction: Mapping[str, float],
+    shift: Mapping[str, float],
+    laws: Mapping[str, ContactLaw] | None = None,
+) -> tuple[ContactSystem, ...]:
+    """Return the contact systems of the objects of a configuration, moments about the carrier's origin.
+
+    Args:
+        config: the configuration.
+        friction: coefficient of friction of each contact by its name.
+        shift: largest distance of each contact point from its place along x and y, by contact [m].
+        laws: laws of a user, by the name of the contact.
+    """
+    left = [eroded(patch, shift.get(patch.name, 0.0)) for patch in patches(config)]
+    found = links(left, friction, config.contact.cone_edges, laws)
+    return tuple(_system(config, group, [link for link in found if link.object in group]) for group in _groups(config))
+
+
+# The contact graph ----------------------------------------------------------------------------------------
+
+
+def carried(config: Config, name: str) -> tuple[str, ...]:
+    """Return the object and everything that stands on it, directly or not, in the order of the configuration."""
+    above = {name}
+    while True:
+        more = {other for other in config.objects if above & set(supports(config.objects[other]))} | above
+        if more == above:
+            return tuple(other for other in config.objects if other in above)
+        above = more
+
+
+def _contacts(config: Config, name: str) -> int:
+    """Return the number of independent contacts of an object with its supports or the tool."""
+    body = config.objects[name]
+    suction = body.held_by.suction if body.held_by is not None else None
+    return len(suction.cups) if suction is not None else max(len(supports(body)), 1)
+
+
+def _is_tree(config: Config, name: str) -> bool:
+    """Return whether all that an object carries, itself included, hangs on this object's one contact alone."""
+    if _contacts(config, name) > 1:
+        return False
+    above = set(carried(config, name))
+    return all(set(supports(config.objects[other])) <= above for other in above - {name})
+
+
+def _groups(config: Config) -> list[tuple[str, ...]]:
+    """Return the objects whose contact forces must be found together: one each, or all that a cycle couples."""
+    trees = [name for name in config.objects if _is_tree(config, name)]
+    groups: list[set[str]] = []
+    for name in config.objects:
+        if name in trees:
+            continue
+        linked = {name} | {
+            other for other in supports(config.objects[name]) if other in config.objects and other not in trees
+        }
+        touching = [group for group in groups if group & linked]
+        groups = [group for group in groups if not group & linked] + [linked.union(*touching)]
+    cycles = [tuple(name for name in config.objects if name in group) for group in groups]
+    return [(name,) for name in trees] + cycles
+
+
+def _loads(config: Config, name: str, group: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the bodies that one object of a group carries, apart from those that are themselves in the group."""
+    if len(group) == 1:
+        return carried(config, name)
+    direct = [other for other in config.objects if supports(config.objects[other]) == (name,) and other not in group]
+    above = {body for other in direct for body in carried(config, other)}
+    return tuple(body for body in config.objects if body == name or body in above)
+
+
+# Systems --------------------------------------------------------------------------------------------------
+
+
+def system_of(link: Link, load: tuple[str, ...], edges: int) -> ContactSystem:
+    """Return the system of an object with a single contact, which carries all of a load."""
+    pressed = (link.object,) if link.pressed else ()
+    facets, kinds = _explicit(link)
+    return ContactSystem(
+        objects=(link.object,), loads=(load,), pressed=pressed, points=(np.zeros(3),), generators=link.generators,
+        edges_of_friction=np.arange(link.generators.shape[1]) < link.edges_of_friction, facets=facets,
+        complete=link.rows is not None, kinds=kinds, names=link.names, edges=edges,
+        interfaces=tuple(patch.name for patch in link.patches),
+    )  # fmt: skip
+
+
+def _system(config: Config, group: tuple[str, ...], own: Sequence[Link]) -> ContactSystem:
+    edges = config.contact.cone_edges
+    if len(own) == 1:
+        return system_of(own[0], _loads(config, group[0], group), edges)
+    pressed = tuple(dict.fromkeys(link.object for link in own if link.pressed))
+    balance = _balance(config, group, own)
+    return ContactSystem(
+        objects=group,
+        loads=tuple(_loads(config, name, group) for name in group),
+        pressed=pressed,
+        points=tuple(np.zeros(3) for _ in group),
+        generators=np.hstack([_placed(link, group, pressed) for link in own]),
+        edges_of_friction=np.concatenate([np.arange(len(link.generators.T)) < link.edges_of_friction for link in own]),
+        facets=np.zeros((0, 6 * len(group) + len(pressed))),
+        complete=False,
+        kinds=np.zeros(0, dtype=np.intp),
+        names=(balance,),
+        edges=edges,
+        interfaces=tuple(patch.name for link in own for patch in link.patches),
+        parts=tuple(_parts(own)),
+    )
+
+
+def _placed(link: Link, group: tuple[str, ...], pressed: tuple[str, ...]) -> Array:
+    """Return the generators of a contact in the stacked coordinates of a group; they act on the support too."""
+    column = np.zeros((6 * len(group) + len(pressed), link.generators.shape[1]))
+    row = 6 * group.index(link.object)
+    column[row : row + 6] = link.generators[:6]
+    support = link.patches[0].support
+    if support in group:
+        row = 6 * group.index(support)
+        column[row : row + 6] = -link.generators[:6]
+    if link.pressed:
+        column[6 * len(group) + pressed.index(link.object)] = link.generators[6]
+    return column
+
+
+def _explicit(link: Link) -> tuple[Array, Indices]:
+    """Return the rows of a single contact, and the index of the name of each."""
+    dimension = len(link.generators)
+    rows = np.zeros((0, dimension)) if link.rows is None else link.rows
+    twist = link.twist.reshape(-1, dimension)
+    kinds = np.concatenate([link.tips.astype(np.intp), np.full(len(twist), 2, dtype=np.intp)])
+    return np.vstack([rows, twist]), kinds
+
+
+def _balance(config: Config, group: tuple[str, ...], own: Sequence[Link]) -> LimitName:
+    """Return the name of the limit of a cycle: that the contacts of its bridges can balance them."""
+    below = {name: list(dict.fromkeys(_supports(link) for link in own if link.object == name)) for name in group}
+    first, *others = [name for name in group if _contacts(config, name) > 1]
+    more = "".join(f" and balance of {name} on {' and '.join(below[name])}" for name in others)
+    return LimitName(LimitKind.BALANCE, first, " and ".join(below[first]) + more)
+
+
+def _supports(link: Link) -> str:
+    return link.patches[0].support
+
+
+def _parts(own: Iterable[Link]) -> Iterable[Part]:
+    """Yield the contacts of a cycle whose twist a program must bound."""
+    first = 0
+    for link in own:
+        count = link.generators.shape[1]
+        if len(link.twist):
+            yield Part(slice(first, first + count), link.twist @ link.generators)
+        first += count

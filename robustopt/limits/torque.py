@@ -1,0 +1,311 @@
+"""The limits of the joint torques.
+
+A joint's torque is a row over required wrenches: over the wrench of all objects for an arm, J^T w; over the generalised
+force of the motion for a legged robot, less J^T of the wrench of its contact if there is only one. Several contacts
+share the wrench: rows for the joints between them are found by programs (`solvers.sharing`).
+
+Joint friction adds a viscous part D q' sqrt(x), which is replaced by its tangent at a reference x_r,
+D q' (sqrt(x_r) / 2 + x / (2 sqrt(x_r))). If friction resists, the tangent is an upper bound of a concave function,
+hence sound; if it helps, it is not, so a plan counts as solved only once its exact torque has been checked. Both are
+exact at x_r, and the reference follows the plan until they agree. Without a reference the chord over [0, x_top] stands
+in: a first guess, which is final if no torque row binds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from robustopt.arrays import Array, Flags, Indices
+from robustopt.limits import polygons
+from robustopt.limits.contact_limit import ContactLimit
+from robustopt.limits.motion import PathMotion
+from robustopt.limits.names import LimitName
+from robustopt.limits.polygons import Family, Loads, Polygons
+from robustopt.robot import Dynamics, JointLimits
+
+DIRECTION_TOLERANCE = 1e-9
+"""A joint slower than this part of the fastest joint's rate counts as at rest: dry friction takes both signs."""
+
+SLOWEST_REFERENCE = 1e-12
+"""Smallest x, as a part of what joint velocity allows, about which viscous torque is linearised: the tangent of a root
+is ever steeper towards 0, and here its error is below a millionth of the viscous torque at full speed."""
+
+
+@dataclass(frozen=True, eq=False)
+class SharedRow:
+    """A row over the generalised force at one grid point, for every sharing of the wrench between contacts.
+
+    Attributes:
+        point: the grid point.
+        row: coefficients (n,).
+        constant: constant; row @ W + constant <= 0.
+        joint: the joint that the row is named after.
+    """
+
+    point: int
+    row: Array
+    constant: float
+    joint: int
+
+
+@dataclass(frozen=True, eq=False)
+class Sharing:
+    """How the torques of a legged robot depend on its environment contacts.
+
+    Attributes:
+        loads: generalised force of the motion.
+        known: whether a joint's torque does not depend on how contacts share the wrench (P, n).
+        contacts: limit of each stance.
+        standing: index of the stance of each grid point (P,), at a switch of the one with fewer contacts.
+        dynamics: dynamics along the path.
+        limit: largest torque of each coordinate (n,) [N m].
+        soles: contact points of each contact that the planner counts on, about its centre (k, 2) [m].
+        rows: rows found so far.
+    """
+
+    loads: Loads
+    known: Flags
+    contacts: tuple[ContactLimit, ...]
+    standing: Indices
+    dynamics: Dynamics
+    limit: Array
+    soles: Mapping[str, Array]
+    rows: tuple[SharedRow, ...] = ()
+
+    def parts(self, stance: int) -> dict[str, slice]:
+        """Return which generators of a stance are those of each of its contacts."""
+        system = self.contacts[stance].system
+        parts, first = {}, 0
+        for name in system.interfaces:
+            count = len(self.soles[name]) * system.edges
+            parts[name] = slice(first, first + count)
+            first += count
+        return parts
+
+    def family(self, used: Flags, index: Indices) -> Family | None:
+        """Return the rows of the joints that are used as a family, in as few columns as one joint and point need."""
+        rows = [row for row in self.rows if used[row.joint]]
+        if not rows:
+            return None
+        slots: dict[tuple[int, int], int] = {}
+        columns: dict[tuple[int, int], int] = {}
+        place = []
+        for row in rows:
+            slot = slots.get((row.point, row.joint), 0)
+            slots[row.point, row.joint] = slot + 1
+            place.append(columns.setdefault((row.joint, slot), len(columns)))
+        B, base = (
+            np.zeros((len(self.known), len(columns), len(self.limit))),
+            _always(len(self.known), len(columns)),
+        )
+        for row, column in zip(rows, place, strict=True):
+            B[row.point, column] = row.row
+            base[row.point, column, 2] = row.constant
+        return Family(B, self.loads, base, np.zeros((0, 0, 0)), np.array([index[joint] for joint, _ in columns]))
+
+
+def _always(points: int, count: int) -> Array:
+    """Return affine rows that always hold, (P, F, 3)."""
+    rows = np.zeros((points, count, 3))
+    rows[:, :, 2] = -1.0
+    return rows
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueLimit:
+    """The limits of the joint torques, rows divided by their limits: first +tau_j, then -tau_j.
+
+    Attributes:
+        names: of the limits (n,).
+        B: rows over the required wrench (P, 2n, d), 0 for torques that depend on how contacts share it.
+        loads: the required wrench.
+        base: affine part: links, dry friction and limit (P, 2n, 3).
+        base_terms: share of a row in each constant interval term of the wrench, (P, 2n, n_c), or (0, 0, 0) for none.
+        viscous: coefficient of sqrt(x) (P, 2n).
+        limited: which rows have a finite limit (2n,).
+        x_top: largest x that the joint velocities allow (P,).
+        reference: x about which the viscous torque is linearised (P,), nan for none.
+        sharing: how contacts share the wrench, None for an arm.
+    """
+
+    names: tuple[LimitName, ...]
+    B: Array
+    loads: Loads
+    base: Array
+    base_terms: Array
+    viscous: Array
+    limited: Flags
+    x_top: Array
+    reference: Array
+    sharing: Sharing | None = None
+
+    def carrying(self, payload: Loads, base_terms: Array) -> TorqueLimit:
+        """Return the same limits with another payload, and other acceleration errors about the same middle."""
+        return replace(self, loads=payload, base_terms=base_terms)
+
+    def with_reference(self, reference: Array) -> TorqueLimit:
+        """Return the same limits with the viscous torque linearised about x = reference (P,)."""
+        return replace(self, reference=reference)
+
+    def with_rows(self, rows: Sequence[SharedRow]) -> TorqueLimit:
+        """Return the same limits with more rows of shared wrenches."""
+        assert self.sharing is not None
+        return replace(self, sharing=replace(self.sharing, rows=(*self.sharing.rows, *rows)))
+
+    def cut(self, outline: Polygons, index: Indices, used: Flags) -> Polygons:
+        """Return the polygons cut with the rows; see `Limit`."""
+        chosen = np.tile(used, 2) & self.limited
+        B, base, terms = self.B, self.base_at(self.reference, self.x_top), self.base_terms
+        if not chosen.all():
+            B, base = np.ascontiguousarray(B[:, chosen]), np.ascontiguousarray(base[:, chosen])
+            terms = np.ascontiguousarray(terms[:, chosen]) if terms.size else terms
+        outline = polygons.cut(outline, Family(B, self.loads, base, terms, np.tile(index, 2)[chosen]))
+        shared = self.sharing.family(used, index) if self.sharing is not None else None
+        return outline if shared is None else polygons.cut(outline, shared)
+
+    def base_at(self, reference: Array, x_top: Array) -> Array:
+        """Return the affine rows with the viscous part linearised about a reference (P,), nan for none, (P, 2n, 3)."""
+        base = self.base.copy()
+        if np.isnan(reference).all():
+            base[:, :, 1] += self.viscous / np.sqrt(x_top)[:, None]
+            return base
+        slowest = np.maximum(reference, SLOWEST_REFERENCE * x_top)
+        root = np.sqrt(np.where(reference > 0, slowest, np.nan))[:, None]
+        tangent, chord = np.isfinite(root), np.isnan(reference)[:, None]
+        base[:, :, 1] += np.where(
+            tangent, self.viscous / (2 * root), np.where(chord, self.viscous / np.sqrt(x_top)[:, None], 0.0)
+        )
+        base[:, :, 2] += np.where(tangent, self.viscous * root / 2, 0.0)
+        return base
+
+    def nominal(self, joint: int) -> tuple[Array, Array]:
+        """Return the torque of a joint as a fraction of its limit: coefficients of (u, x, 1) (P, 3), of sqrt(x) (P,).
+
+        The mean of a joint's two rows drops the limit and keeps the part that changes its sign with the torque.
+        """
+        n = self.B.shape[1] // 2
+        rows = np.einsum("pfd,pdk->pfk", self.B, self.loads.middle()) + self.base
+        return 0.5 * (rows[:, joint] - rows[:, n + joint]), self.viscous[:, joint]
+
+    def torques(self, u: Array, x: Array) -> Array:
+        """Return the nominal torques at the grid points as fractions of the limits, joint friction included, (P, n)."""
+        columns = []
+        for joint in range(self.B.shape[1] // 2):
+            coefficients, viscous = self.nominal(joint)
+            affine = coefficients[:, 0] * u + coefficients[:, 1] * x + coefficients[:, 2]
+            columns.append(affine + viscous * np.sqrt(np.maximum(x, 0.0)))
+        return np.stack(columns, axis=1)
+
+    def sides(self, u: Array, x: Array, points: Indices) -> Array:
+        """Return the excess of +tau and of -tau over its limit with the exact viscous part, (M, 2n); see `excess`."""
+        family = Family(self.B, self.loads, self.base, self.base_terms, np.arange(self.B.shape[1]))
+        values = polygons.evaluate(family, points, u, x)
+        values += self.viscous[points] * np.sqrt(np.maximum(x, 0.0))[:, None]
+        if self.sharing is None:
+            return values
+        return np.where(np.tile(self.sharing.known[points], 2), values, np.nan)
+
+    def excess(self, u: Array, x: Array, points: Indices) -> Array:
+        """Return the largest torque over all uncertain quantities as a fraction of its limit, minus 1; see `Limit`."""
+        n = self.B.shape[1] // 2
+        values = self.sides(u, x, points)
+        return np.maximum(values[:, :n], values[:, n:])
+
+
+def payload_torque(
+    motion: PathMotion, names: tuple[LimitName, ...], limits: JointLimits, loads: Loads, error: tuple[Array, Array],
+    x_top: Array,
+) -> TorqueLimit:  # fmt: skip
+    """Return the torque limits of an arm that carries a payload.
+
+    Args:
+        motion: motion along the path.
+        names: names of the limits (n,).
+        limits: limits of the joints.
+        loads: required wrench of the payload about the carrier's origin (P, 6, ...).
+        error: middle and half-width of the acceleration error, (n,) each.
+        x_top: largest x that the joint velocities allow (P,).
+    """
+    (points, joints), (middle, radius) = motion.q1.shape, error
+    arm, limit = motion.dynamics, np.r_[limits.torque, limits.torque]
+    sign = np.r_[np.ones(joints), -np.ones(joints)]
+    B = _both(np.swapaxes(motion.carrier.jacobian, 1, 2)) * (sign / limit)[:, None]
+    moving = np.abs(motion.q1) > DIRECTION_TOLERANCE * np.abs(motion.q1).max(axis=1, keepdims=True)
+    direction = np.where(_changes_sign(motion.q1) | ~moving, np.nan, np.sign(motion.q1))
+    resisting = np.where(np.isnan(_both(direction)), 1.0, _both(direction) * sign)
+    base = np.stack([_both(part) * sign for part in (arm.force_u, arm.force_x, arm.force_0)], axis=2)
+    base[:, :, 2] += (
+        _both(arm.mass_matrix @ middle) * sign + _both(np.tile(limits.dry_friction, (points, 1))) * resisting
+    )
+    base /= limit[:, None]
+    base[:, :, 2] -= 1.0
+    viscous = _both(limits.viscous_friction * motion.q1) * (sign / limit)
+    terms = own_inertia_terms(motion, limits, loads, radius)
+    none = np.full(points, np.nan)
+    return TorqueLimit(names, B, loads, base, terms, viscous, np.ones(2 * joints, dtype=bool), x_top, none)
+
+
+def _both(array: Array) -> Array:
+    """Return the values of all joints (P, n, ...) for the rows of +tau, then for those of -tau, (P, 2n, ...)."""
+    return np.concatenate([array, array], axis=1)
+
+
+def own_inertia_terms(motion: PathMotion, limits: JointLimits, loads: Loads, radius: Array) -> Array:
+    """Return what the links' own inertia adds to each constant interval term of the torque rows, (P, 2n, n_c)."""
+    erring, n = np.flatnonzero(radius), motion.q1.shape[1]
+    terms = np.zeros((len(motion.q1), 2 * n, len(loads.constant_group)))
+    terms[:, :n, : len(erring)] = motion.dynamics.mass_matrix[:, :, erring] * radius[erring] / limits.torque[:, None]
+    terms[:, n:] = -terms[:, :n]
+    return terms
+
+
+def _changes_sign(q1: Array) -> Flags:
+    """Return whether q' of a joint changes its sign towards a neighbouring grid point, (P, n)."""
+    flips = np.sign(q1[1:]) != np.sign(q1[:-1])
+    result = np.zeros(q1.shape, dtype=bool)
+    result[1:] |= flips
+    result[:-1] |= flips
+    return result
+
+
+def legged_torque(
+    motion: PathMotion, names: tuple[LimitName, ...], limit: Array, chains: Mapping[str, Indices], base: int,
+    loads: Loads, contacts: tuple[ContactLimit, ...], standing: Indices, soles: Mapping[str, Array], x_top: Array,
+) -> TorqueLimit:  # fmt: skip
+    """Return the torque limits of a legged robot.
+
+    Args:
+        motion: motion along the path.
+        names: names of the limits (n,).
+        limit: largest torque of each coordinate (n,) [N m].
+        chains: joints between the base and each contact.
+        base: number of base coordinates.
+        loads: generalised force of the motion (P, n, ...).
+        contacts: limit of each stance.
+        standing: index of the stance of each grid point (P,).
+        soles: contact points of each contact (k, 2) [m].
+        x_top: largest x that the joint velocities allow (P,).
+    """
+    points, n = motion.q1.shape
+    rows, known = np.zeros((points, n, n)), np.ones((points, n), dtype=bool)
+    rows[:, base:, base:] = np.eye(n - base)
+    for k, family in enumerate(contacts):
+        at, contact_names = np.flatnonzero(standing == k), family.system.interfaces
+        for name in contact_names:
+            chain = chains[name]
+            if len(contact_names) == 1:
+                pull = np.swapaxes(motion.dynamics.contact_jacobians[name][at][:, :, chain], 1, 2)
+                rows[np.ix_(at, chain, np.arange(base))] = -pull
+            else:
+                known[np.ix_(at, chain)] = False
+    rows *= known[:, :, None]
+    B = np.concatenate([rows, -rows], axis=1) / np.r_[limit, limit][:, None]
+    sharing = Sharing(loads, known, contacts, standing, motion.dynamics, limit, soles)
+    limited = np.tile(np.isfinite(limit), 2)
+    return TorqueLimit(
+        names, B, loads, _always(points, 2 * n), np.zeros((0, 0, 0)), np.zeros((points, 2 * n)), limited, x_top,
+        np.full(points, np.nan), sharing,
+    )  # fmt: skip

@@ -1,0 +1,146 @@
+"""Twist of a patch whose pressure is prescribed: rows for `pressure: fixed`.
+
+How a normal force spreads over a patch is statically indeterminate. Where the load twists the patch about its normal, a
+cone that is free to choose the spread promises more than elastic lips or pads give. So the spread is prescribed: the
+normal force of each contact point is a linear function N_i of the wrench and of the force that presses the part against
+the tool, as elastic lips (cups) or uniform pads spread it. The tangential forces that then are possible form a
+Minkowski sum of friction polygons, and the forces across the normal and the moment about it, t = (f_x, f_y, m_z), must
+lie in it:
+
+    y t <= mu sum_i N_i h(v_i(y)),   v_i(y) = (y_x, y_y) + y_z (-p_iy, p_ix),
+
+for every motion y of the part in the plane of the patch; h is the support function of the polygon for mu = 1. The
+facets of the sum belong to motions for which two contact points slide along edge directions of their polygons, or one
+point
+stays: the rotation centres lie where lines along such directions through two points meet, or at a point. So the rows
+are finitely many and linear, and they are exact (our choice). N_i may be negative in a patch that is about to peel,
+which makes the rows stricter there.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from robustopt.arrays import Array
+
+SAME_CENTRE = 1e-9
+"""Rotation centres of a patch of unit size that are this near to each other are one."""
+
+FARTHEST = 1e6
+"""Rotation centres farther away than this, in sizes of the patch, are at infinity: the motion is a slip."""
+
+
+def slips(edges: int) -> Array:
+    """Return the motions y of a part that slips without rotation, normal to the edges of a friction polygon, (k, 3)."""
+    angle = 2 * np.pi * (np.arange(edges) + 0.5) / edges
+    return np.column_stack([np.cos(angle), np.sin(angle), np.zeros(edges)])
+
+
+@lru_cache(maxsize=64)
+def _rotation_centres(points: tuple[tuple[float, float], ...], edges: int) -> Array:
+    """Return the rotation centres (k, 2) at which facets of the Minkowski sum may lie, for points of unit size."""
+    p = np.array(points)
+    half = edges // 2 if edges % 2 == 0 else edges
+    angle = 2 * np.pi * (np.arange(half) + 0.5) / edges + np.pi / 2
+    direction = np.column_stack([np.cos(angle), np.sin(angle)])
+    found = [p]
+    for i in range(len(p)):
+        for j in range(i + 1, len(p)):
+            found.append(_meetings(p[i], p[j], direction))
+    centres = np.vstack(found)
+    centres = centres[np.abs(centres).max(axis=1) < FARTHEST]
+    _, first = np.unique(np.round(centres / SAME_CENTRE), axis=0, return_index=True)
+    return np.asarray(centres[np.sort(first)])
+
+
+def _meetings(a: Array, b: Array, direction: Array) -> Array:
+    """Return the points (k, 2) at which lines through a and through b along the directions (m, 2) meet."""
+    first, second = np.repeat(direction, len(direction), axis=0), np.tile(direction, (len(direction), 1))
+    across = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
+    crossing = np.abs(across) > 1e-9
+    first, second, across = first[crossing], second[crossing], across[crossing]
+    way = ((b - a)[0] * second[:, 1] - (b - a)[1] * second[:, 0]) / across
+    return np.asarray(a + way[:, None] * first)
+
+
+def motions(points: Array, edges: int) -> Array:
+    """Return the motions y at which the twist of a patch must be bounded.
+
+    Args:
+        points: contact points in the plane of the patch, about its centre (n, 2) [m].
+        edges: number of edges of a friction polygon.
+
+    Returns:
+        Velocities of the centre and rate of rotation about the normal, (k, 3) [m/s, m/s, rad/s].
+    """
+    size = float(np.abs(points).max())
+    centres = size * _rotation_centres(tuple(map(tuple, np.round(points / size, 12).tolist())), edges)
+    turns = np.column_stack([centres[:, 1], -centres[:, 0], np.ones(len(centres))])
+    return np.vstack([slips(edges), turns, -turns])
+
+
+def resistance(points: Array, y: Array, edges: int) -> Array:
+    """Return h(v_i(y)) of every contact point for every motion, (k, n): power of friction per mu and normal force.
+
+    Args:
+        points: contact points in the plane of the patch (n, 2) [m].
+        y: motions (k, 3).
+        edges: number of edges of a friction polygon.
+    """
+    angle = 2 * np.pi * np.arange(edges) / edges
+    across = np.stack([-points[:, 1], points[:, 0]], axis=1)
+    velocity = y[:, None, :2] + y[:, 2:, None] * across[None]
+    best = np.full(velocity.shape[:2], -np.inf)
+    for c, s in zip(np.cos(angle), np.sin(angle), strict=True):
+        best = np.maximum(best, velocity[..., 0] * c + velocity[..., 1] * s)
+    return best
+
+
+def cup_rows(points: Array, mu: float, edges: int) -> Array:
+    """Return the twist rows of a cup with elastic normals, over its wrench and the vacuum force, (k, 7).
+
+    The normals are those of least squares that make the normal force f_z + F and the moments m_x, m_y of the wrench.
+
+    Args:
+        points: contact points about the centre of the lip, in the axes of the patch (n, 2) [m].
+        mu: coefficient of friction.
+        edges: number of edges of a friction polygon.
+
+    Returns:
+        Rows on (f, m, F), wrench about the centre in the axes of the patch, scaled to -1 of the normal force.
+    """
+    y = motions(points, edges)
+    balance = np.stack([np.ones(len(points)), points[:, 1], -points[:, 0]])
+    normals = balance.T @ np.linalg.inv(balance @ balance.T)
+    power = mu * resistance(points, y, edges) @ normals
+    rows = np.zeros((len(y), 7))
+    rows[:, [0, 1, 5]] = y
+    rows[:, [2, 3, 4]] = -power
+    rows[:, 6] = -power[:, 0]
+    return np.asarray(rows / power[:, :1])
+
+
+def grip_rows(driven: Array, fixed: Array, mu: tuple[float, float], edges: int) -> Array:
+    """Return the twist rows of a grip with uniform normals, over the wrench and the closing force, (k, 7).
+
+    The corners of the driven pad press with F / n each, those of the fixed pad with (F + f_z) / n.
+
+    Args:
+        driven: contact points of the driven pad in the plane of the fixed pad, about its centre (n, 2) [m].
+        fixed: contact points of the fixed pad there (n, 2) [m].
+        mu: coefficients of friction of the two pads.
+        edges: number of edges of a friction polygon.
+
+    Returns:
+        Rows on (f, m, F), wrench about the centre of the pads in the axes of the fixed pad, scaled to -1 of F.
+    """
+    y = motions(np.vstack([driven, fixed]), edges)
+    on_driven = mu[0] * resistance(driven, y, edges).mean(axis=1)
+    on_fixed = mu[1] * resistance(fixed, y, edges).mean(axis=1)
+    rows = np.zeros((len(y), 7))
+    rows[:, [0, 1, 5]] = y
+    rows[:, 2] = -on_fixed
+    rows[:, 6] = -(on_driven + on_fixed)
+    return np.asarray(rows / (on_driven + on_fixed)[:, None])

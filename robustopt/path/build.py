@@ -1,0 +1,116 @@
+"""The path of a configuration: through poses or joint waypoints, or along footsteps.
+
+Without steps, s is proportional to the length of the path of the carrier (translation and turn, see `pose_path`) or,
+for joint waypoints, to the chord length of the joints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from robustopt.arrays import Array
+from robustopt.config import Config, PathTolerance
+from robustopt.errors import PathError
+from robustopt.path.branches import LIMIT_TOLERANCE, Branch, BranchLostError, fit_branch, follow_branches
+from robustopt.path.collision import CollisionCheck
+from robustopt.path.joint_waypoints import joint_waypoints
+from robustopt.path.path import Path
+from robustopt.path.pose_path import PosePath, pose_path
+from robustopt.path.reach import WAYS_OUT, branch_problems, limit_sentence, start_position
+from robustopt.path.walking_path import walking_path
+from robustopt.robot import Robot
+
+CHECK_STEP = 0.02
+"""Largest joint step between the positions that are checked for collisions [rad or m]: 2 cm at 1 m."""
+
+
+def build_path(config: Config, robot: Robot) -> Path:
+    """Build the path of a configuration.
+
+    Raises:
+        PathError: if a pose or foothold is out of reach, a joint leaves its range, the inverse kinematics jumps, or
+            bodies collide
+    """
+    if config.path.steps is not None:
+        return walking_path(config, robot)
+    if config.path.joints is not None:
+        return _first_sound([_joint_path(config, robot)], config, robot, "path.joints")
+    poses = pose_path(config.path)
+    start = start_position(config, robot)
+    branches = follow_branches(robot, poses, start)
+    usable = [branch for branch in branches if branch.usable]
+    if not usable:
+        raise PathError(branch_problems(robot, poses, branches, start))
+    paths = (_branch_path(robot, poses, branch, config.path.tolerance) for branch in usable)
+    return _first_sound(paths, config, robot, f"path.{poses.noun}")
+
+
+def _joint_path(config: Config, robot: Robot) -> Path:
+    waypoints = joint_waypoints(config, robot.joint_names)
+    chord = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(waypoints, axis=0), axis=1))))
+    s = chord / chord[-1]
+    return Path([CubicSpline(s, waypoints)], np.array([0.0, 1.0]), s, "joints")
+
+
+def _branch_path(robot: Robot, poses: PosePath, branch: Branch, tolerance: PathTolerance) -> Path | str:
+    """Fit splines to a branch, or say in a sentence why that fails."""
+    waypoints = poses.start / poses.length
+    try:
+        pieces = fit_branch(robot, poses, branch, tolerance)
+    except BranchLostError as error:
+        return f"{poses.label(error.sigma)}: {error.reason}; {WAYS_OUT}"
+    return Path(pieces, poses.breaks / poses.length, waypoints, poses.noun)
+
+
+def _first_sound(paths: Iterable[Path | str], config: Config, robot: Robot, key: str) -> Path:
+    """Return the first path that stays within the joint limits and does not collide.
+
+    Args:
+        paths: candidates; a sentence stands for one that failed
+        config: configuration, which tells whether to check for collisions
+        robot: the robot
+        key: key that the error names
+
+    Raises:
+        PathError: about the first candidate, if none is sound
+    """
+    check = CollisionCheck(config, robot) if config.robot.collision.check else None
+    objections = []
+    for path in paths:
+        objection = path if isinstance(path, str) else _objection(path, robot, check)
+        if isinstance(path, Path) and objection is None:
+            return path
+        objections.append(objection)
+    others = f" (the {len(objections) - 1} other ways to move the arm fail too)" if len(objections) > 1 else ""
+    raise PathError(f"{objections[0]}{others}", key=key)
+
+
+def _objection(path: Path, robot: Robot, check: CollisionCheck | None) -> str | None:
+    """Say in a sentence which joint leaves its limit furthest or which bodies collide first; None if all is well."""
+    s = path.fine_grid()
+    q = path(s)
+    beyond = np.maximum(robot.limits.lower - q, q - robot.limits.upper).max(axis=1)
+    worst = int(np.argmax(beyond))
+    if beyond[worst] > LIMIT_TOLERANCE:
+        return f"{path.label(s[worst])}: {limit_sentence(robot, q[worst])}"
+    if check is None:
+        return None
+    s = _thinned(s, q)
+    collision = check.first(path(s))
+    if collision is None:
+        return None
+    first, second = collision.bodies
+    return (
+        f"{path.label(s[collision.index])}: {first} and {second} collide, {1000 * collision.depth:.1f} mm deep; "
+        f"change the path or the mounting, or, if they may touch, add [{first}, {second}] to robot.collision.exclude"
+    )
+
+
+def _thinned(s: Array, q: Array) -> Array:
+    """Return points of the path so that no joint moves by more than `CHECK_STEP` from one to the next."""
+    moved = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(q, axis=0)).max(axis=1))))
+    wanted = np.linspace(0.0, moved[-1], int(np.ceil(moved[-1] / CHECK_STEP)) + 1)
+    return np.asarray(np.interp(wanted, moved, s))

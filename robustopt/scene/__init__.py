@@ -1,0 +1,1 @@
+"""The scene: where the held bodies are, and what touches what."""

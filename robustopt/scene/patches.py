@@ -1,0 +1,192 @@
+"""Contact patches: the flat places at which an object touches its support, its suction cups or its pads."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from functools import lru_cache
+from itertools import combinations
+
+import numpy as np
+
+from robustopt.arrays import Array
+from robustopt.config.model import Config
+from robustopt.config.object_model import GripConfig, ObjectConfig, SuctionConfig, TrayConfig, contact_names
+from robustopt.geometry import (
+    RESOLUTION,
+    area,
+    clip,
+    contact_axes,
+    convex_hull,
+    erode,
+    rectangle,
+    regular_polygon,
+)
+from robustopt.scene.placement import (
+    TRAY,
+    Frame,
+    Placement,
+    Solids,
+    footprint,
+    half_extents,
+    holding_frame,
+    part_in_hold,
+    placed,
+    solids,
+    supports,
+    tool_frame,
+)
+
+
+class Law(StrEnum):
+    """The contact law of a patch; see `limits.cones`."""
+
+    FRICTION = "friction"
+    SUCTION = "suction"
+    DRIVEN_PAD = "driven pad"
+    FIXED_PAD = "fixed pad"
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """A flat contact between an object and its support.
+
+    The contact points are `origin + axes[:, :2] @ p` for the corners p of the polygon.
+
+    Attributes:
+        name: name of the contact, which its friction and contact points are given for.
+        object: the object, on which the contact presses along its normal.
+        support: the tray, the object below, or the tool: `cup`, `cup2`, `pad1`.
+        polygon: corners in the plane of the patch, counter-clockwise (k, 2) [m].
+        origin: origin of that plane, carrier frame (3,) [m].
+        axes: axes of the patch as columns, the normal last, from the support into the object, carrier frame (3, 3).
+        turn: yaw of the support against these axes, along which contact points may be off [rad].
+        law: contact law.
+        fixed: whether the pressure is prescribed where the load twists the patch, see `limits.twist`.
+    """
+
+    name: str
+    object: str
+    support: str
+    polygon: Array
+    origin: Array
+    axes: Array
+    turn: float = 0.0
+    law: Law = Law.FRICTION
+    fixed: bool = False
+
+    @property
+    def points(self) -> Array:
+        """Return the contact points, carrier frame (k, 3) [m]."""
+        return np.asarray(self.origin + self.polygon @ self.axes[:, :2].T)
+
+
+UPRIGHT = np.eye(3)
+"""Axes of the patches of all objects that stand on the tray."""
+
+
+def patches(config: Config) -> tuple[Patch, ...]:
+    """Return the patch of every contact of the objects, in the order of `placements`; a bridge has two."""
+    return _patches(config.tray, solids(config), config.contact.patch_points)
+
+
+@lru_cache(maxsize=64)
+def _patches(tray: TrayConfig | None, solids: Solids, points: int) -> tuple[Patch, ...]:
+    objects, faces, yaws = dict(solids), dict[str, Array](), {TRAY: 0.0}
+    if tray is not None:
+        faces[TRAY] = rectangle(np.zeros(2), np.array(tray.size))
+    found: list[Patch] = []
+    for name, placement in placed(tray, solids).items():
+        body = objects[name]
+        faces[name] = footprint(body, placement, points)
+        yaws[name] = placement.yaw
+        if body.held_by is not None:
+            found += held_patches(name, body, tool_frame(tray), points)
+        for support in supports(body):
+            polygon = clip(faces[name], faces[support])
+            polygon.setflags(write=False)
+            found.append(_standing_patch(name, support, polygon, placement, yaws[support]))
+    return tuple(found)
+
+
+def _standing_patch(name: str, support: str, polygon: Array, placement: Placement, turn: float) -> Patch:
+    foot = np.array([0.0, 0.0, float(placement.planar[2]) - placement.half_height])
+    if placement.root == TRAY:
+        return Patch(name, name, support, polygon, foot, UPRIGHT, turn)
+    frame = placement.frame
+    return Patch(name, name, support, polygon, frame.position + frame.rotation @ foot, frame.rotation, turn)
+
+
+def held_patches(name: str, body: ObjectConfig, tool: Frame, points: int) -> list[Patch]:
+    """Return the patches of the cups or pads that hold an object.
+
+    Args:
+        name: name of the object.
+        body: the object.
+        tool: frame of the tool in the carrier frame.
+        points: number of contact points of a lip.
+    """
+    assert body.held_by is not None
+    hold = body.held_by.tool
+    frame = holding_frame(hold, tool)
+    if isinstance(hold, GripConfig):
+        return list(_pads(name, body, hold, frame))
+    return list(_cups(name, body, hold, frame, points))
+
+
+def _cups(name: str, body: ObjectConfig, hold: SuctionConfig, frame: Frame, points: int) -> Iterator[Patch]:
+    for k, (contact, cup) in enumerate(zip(contact_names(name, body), hold.cups, strict=True)):
+        lip = regular_polygon(np.zeros(2), cup.radius, points)
+        origin = frame.position + frame.rotation @ np.array([*cup.at, 0.0])
+        support = "cup" if len(hold.cups) == 1 else f"cup{k + 1}"
+        fixed = hold.pressure == "fixed"
+        yield Patch(contact, name, support, lip, origin, frame.rotation, law=Law.SUCTION, fixed=fixed)
+
+
+def _pads(name: str, body: ObjectConfig, hold: GripConfig, frame: Frame) -> Iterator[Patch]:
+    """Yield the pad of the driven finger, which is on the positive side of the closing axis, then the fixed one."""
+    closing, part = np.eye(3)[0 if hold.axis == "x" else 1], part_in_hold(body)
+    half = float(half_extents(body) @ np.abs(part.rotation.T @ closing))
+    across, along = hold.pad
+    corners = rectangle(np.zeros(2), np.array([along, across]))
+    for contact, side, law in zip(contact_names(name, body), (1.0, -1.0), (Law.DRIVEN_PAD, Law.FIXED_PAD), strict=True):
+        axes = frame.rotation @ contact_axes(-side * closing, np.array([0.0, 0.0, 1.0]))
+        middle = closing * (part.position @ closing + side * half)
+        origin = frame.position + frame.rotation @ middle
+        support = "pad1" if law is Law.DRIVEN_PAD else "pad2"
+        yield Patch(contact, name, support, corners, origin, axes, law=law, fixed=hold.pressure == "fixed")
+
+
+@lru_cache(maxsize=256)
+def eroded(patch: Patch, distance: float) -> Patch:
+    """Return the part of a patch that is left if each corner may be `distance` [m] off along x and y of the support.
+
+    Every displaced patch contains the eroded one, which for a rectangle is itself a displaced patch: the bound is
+    sound, and exact for rectangles (our choice). Its polygon is empty if nothing is left.
+    """
+    if distance == 0.0:
+        return patch
+    polygon = erode(patch.polygon, distance, patch.turn)
+    polygon.setflags(write=False)
+    return replace(patch, polygon=polygon)
+
+
+@lru_cache(maxsize=64)
+def base_outline(patches: tuple[Patch, ...]) -> Array:
+    """Return the convex hull of contact patches of one root, shape (k, 2)."""
+    return convex_hull(np.vstack([patch.polygon for patch in patches]))
+
+
+@lru_cache(maxsize=64)
+def overlaps(tray: TrayConfig | None, solids: Solids, points: int) -> tuple[tuple[str, str], ...]:
+    """Return the pairs of objects on one root that overlap; `points` corners stand for the outline of a round one."""
+    objects, places = dict(solids), placed(tray, solids)
+    outline = {name: footprint(objects[name], place, points) for name, place in places.items()}
+    found = []
+    for first, second in combinations(places, 2):
+        a, b = places[first], places[second]
+        overlap = a.half_height + b.half_height - abs(a.planar[2] - b.planar[2])
+        if a.root == b.root and overlap > RESOLUTION and area(clip(outline[first], outline[second])) > 0:
+            found.append((first, second))
+    return tuple(found)

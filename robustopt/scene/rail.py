@@ -1,0 +1,19 @@
+"""The rail on which a hand of a walking robot rests."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from robustopt.arrays import Array
+from robustopt.config.path_model import RailConfig
+from robustopt.geometry import contact_axes
+
+RAIL_EDGE, RAIL_HEIGHT = 0.01, 0.02
+"""A rail is this much wider than the palm on each side, and this high [m]."""
+
+
+def rail_box(rail: RailConfig) -> tuple[Array, Array, Array]:
+    """Return a rail as a box: its centre (3,) [m], axes as columns (3, 3) and half its edge lengths (3,) [m]."""
+    axes = contact_axes(rail.normal, rail.along)
+    half = 0.5 * np.array([rail.length, rail.size[1] + 2.0 * RAIL_EDGE, RAIL_HEIGHT])
+    return np.array(rail.at) - half[2] * axes[:, 2], axes, half

@@ -1,0 +1,210 @@
+"""Candidates for remedies: the keys of a configuration that bear on limits in conflict, and how far they may go."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from robustopt.config import Config
+from robustopt.config.per_name import value_of
+from robustopt.limits import TimeScalingProblem
+from robustopt.limits.systems import carried
+from robustopt.limits.uncertainty import friction
+from robustopt.robot import Robot
+from robustopt.scene.placement import TRAY
+
+MOST_FRICTION = 10.0
+"""Largest coefficient of friction that is tried; no dry contact has more."""
+
+MOST_JOINT_LIMIT = 100.0
+"""Largest factor by which a joint's limit is raised."""
+
+MOST_FORCE = 100.0
+"""Largest factor by which the force of a tool is raised."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A key of the configuration that may be changed.
+
+    Attributes:
+        key: the key, as the user reads it.
+        found: its present value.
+        generous: the most generous value that is tried.
+        write: makes the changes of the configuration for a value.
+    """
+
+    key: str
+    found: float
+    generous: float
+    write: Callable[[float], dict[str, Any]]
+
+    def value(self, share: float) -> float:
+        """Return the value at a share of the way from the present to the most generous one."""
+        if self.generous > self.found > 0:
+            return float(self.found * (self.generous / self.found) ** share)
+        return self.found + share * (self.generous - self.found)
+
+    def changes(self, share: float) -> dict[str, Any]:
+        """Return the changes of the configuration for such a share."""
+        return self.write(self.value(share))
+
+
+def candidates(problem: TimeScalingProblem, conflict: Collection[str]) -> Iterator[Candidate]:
+    """Yield the keys that bear on limits in conflict.
+
+    Args:
+        problem: the problem.
+        conflict: names of the limits.
+    """
+    config, robot = problem.config, problem.robot
+    yield from _joint_candidates(robot, conflict)
+    systems = [limit.system for limit in problem.limits.contacts if set(limit.names) & set(conflict)]
+    touched = [name for system in systems for name in system.interfaces]
+    if touched:
+        yield from _friction_candidates(config, touched)
+        yield from _force_candidates(config, [name for system in systems for name in system.pressed])
+    yield from _error_candidates(config)
+    if touched and config.uncertainty.contact_points is not None:
+        widths = config.uncertainty.contact_points
+        widest = max(widths.values(), default=0.0) if isinstance(widths, dict) else widths
+        yield from _shrinking("uncertainty.contact_points", "widest", widest, widths)
+    torque = any(f"{joint} torque" in conflict for joint in robot.joint_names)
+    yield from _body_candidates(problem, _loaded(problem, touched, torque))
+
+
+def _joint_candidates(robot: Robot, conflict: Collection[str]) -> Iterator[Candidate]:
+    for j, joint in enumerate(robot.joint_names):
+        for quantity, limits in (("acceleration", robot.limits.acceleration), ("torque", robot.limits.torque)):
+            if f"{joint} {quantity}" in conflict:
+                key, limit = f"robot.limits.{joint}.{quantity}", float(limits[j])
+                yield Candidate(key, limit, MOST_JOINT_LIMIT * limit, _written_at(key))
+
+
+def _written_at(key: str) -> Callable[[float], dict[str, Any]]:
+    """Return a function that writes a value at a key."""
+    return lambda value: {key: value}
+
+
+def _force_candidates(config: Config, pressed: Collection[str]) -> Iterator[Candidate]:
+    """Yield the forces of the tools that hold objects."""
+    for name in pressed:
+        held = config.objects[name].held_by
+        assert held is not None
+        key = f"objects.{name}.held_by.{'suction' if held.suction else 'grip'}.force"
+        force = held.tool.force
+        low, high = force if isinstance(force, tuple) else (force, force)
+
+        def raised(value: float, key: str = key, high: float = high, given: Any = force) -> dict[str, Any]:
+            return {key: [value, max(value, high)] if isinstance(given, tuple) else value}
+
+        yield Candidate(key, low, MOST_FORCE * low, raised)
+
+
+def _body_candidates(problem: TimeScalingProblem, loaded: set[str]) -> Iterator[Candidate]:
+    uncertain = problem.config.uncertainty
+    for name in loaded & set(uncertain.center_of_mass):
+        reach = uncertain.center_of_mass[name]
+        yield from _shrinking(f"uncertainty.center_of_mass.{name}", "largest", max(reach), list(reach))
+    for name in loaded & set(uncertain.mass):
+        low, high = uncertain.mass[name]
+        mass = _mass(problem, name)
+
+        def narrowed(width: float, key: str = name, m: float = mass, a: float = low, b: float = high) -> dict[str, Any]:
+            share = width / (b - a)
+            return {f"uncertainty.mass.{key}": [m - share * (m - a), m + share * (b - m)]}
+
+        if high > low:
+            yield Candidate(f"uncertainty.mass.{name}, width", high - low, 0.0, narrowed)
+
+
+def _loaded(problem: TimeScalingProblem, touched: Collection[str], torque: bool) -> set[str]:
+    """Return the bodies whose mass and centre of mass bear on the contacts that are touched, or on joint torques."""
+    config = problem.config
+    if torque or set(touched) & set(config.environment_contacts):
+        return {*config.uncertainty.center_of_mass, *config.uncertainty.mass}
+    owners = {config.interfaces[name] for name in touched}
+    return {body for name in owners for body in carried(config, name)}
+
+
+def _mass(problem: TimeScalingProblem, name: str) -> float:
+    """Return the nominal mass of a body [kg]."""
+    config = problem.config
+    if name in config.objects:
+        return config.objects[name].mass
+    return config.tray.mass if config.tray is not None and name == TRAY else problem.robot.inertia_of(name)[0]
+
+
+def _error_candidates(config: Config) -> Iterator[Candidate]:
+    """Yield the acceleration error of a floating base, and the joints' error: its deviations K and its mean."""
+    base = config.uncertainty.base_acceleration
+    given = list(base) if isinstance(base, tuple) else base
+    yield from _shrinking("uncertainty.base_acceleration", "largest", float(np.max(base)), given)
+    error = config.uncertainty.joint_acceleration
+    key = "uncertainty.joint_acceleration"
+    if error is not None and error.K > 0 and np.any(np.asarray(error.deviation) > 0):
+        yield Candidate(f"{key}.K", error.K, 0.0, lambda value: {f"{key}.K": value})
+    if error is not None:
+        mean = list(error.mean) if isinstance(error.mean, tuple) else error.mean
+        yield from _shrinking(f"{key}.mean", "largest", float(np.max(np.abs(mean))), mean)
+
+
+def _shrinking(key: str, what: str, largest: float, values: Any) -> Iterator[Candidate]:
+    """Yield values at a key, a number, a list or a mapping of numbers, all made smaller by one factor."""
+
+    def scaled(given: Any, factor: float) -> Any:
+        if isinstance(given, dict):
+            return {name: factor * value for name, value in given.items()}
+        return [factor * value for value in given] if isinstance(given, list) else factor * given
+
+    if largest > 0:
+        label = key if isinstance(values, float) else f"{key}, {what}"
+        yield Candidate(label, largest, 0.0, lambda value: {key: scaled(values, value / largest)})
+
+
+def _friction_candidates(config: Config, touched: Collection[str]) -> Iterator[Candidate]:
+    """Yield the one coefficient of friction of all contacts, or the coefficient of each that has its own."""
+    interval, known = config.uncertainty.friction, friction(config)
+    base = "contact.friction" if interval is None else "uncertainty.friction"
+    source = config.contact.friction if interval is None else interval
+    if not isinstance(source, dict):
+        groups: dict[str, list[str]] = {base: list(config.interfaces)}
+    else:
+        own = {name: _key_of(name, owner, source) for name, owner in config.interfaces.items()}
+        rest = [name for name, key in own.items() if key is None]
+        groups = {}
+        for name in touched:
+            if own[name] is not None:
+                groups.setdefault(f"{base}.{own[name]}", []).append(name)
+        if set(rest) & set(touched) and "default" in source:
+            groups[f"{base}.default"] = rest
+    for key, names in groups.items():
+
+        def lifted(value: float, names: Sequence[str] = tuple(names)) -> dict[str, Any]:
+            return _with_friction(config, names, value)
+
+        yield Candidate(key, min(known[name][0] for name in names), MOST_FRICTION, lifted)
+
+
+def _with_friction(config: Config, names: Collection[str], value: float) -> dict[str, Any]:
+    """Return the changes that raise the friction of some contacts to at least `value`, nominal value and interval."""
+    points: dict[str, float] = {}
+    intervals: dict[str, list[float]] = {}
+    for name, owner in config.interfaces.items():
+        point = value_of(config.contact.friction, (name, owner), 0.0)
+        interval = value_of(config.uncertainty.friction, (name, owner), None)
+        least = value if name in names else 0.0
+        if interval is not None:
+            intervals[name] = [max(interval[0], least), max(interval[1], least)]
+            point = min(max(point, intervals[name][0]), intervals[name][1])
+        points[name] = max(point, least)
+    changes: dict[str, Any] = {"contact.friction": points}
+    return changes | ({"uncertainty.friction": intervals} if intervals else {})
+
+
+def _key_of(name: str, owner: str, given: Mapping[str, Any]) -> str | None:
+    """Return the key under which a contact has a value of its own, None if it has none."""
+    return next((key for key in (name, owner) if key in given), None)
