@@ -85,7 +85,7 @@ def _take_standard_streams() -> tuple[int, int]:
 
 
 def _listen(source: int, tasks: SimpleQueue[bytes]) -> None:
-    """Pass on the tasks as they arrive; end this process, even in the middle of a task, with its parent."""
+    """Put the tasks into a queue as they arrive; end this process, even in the middle of a task, with its parent."""
     while True:
         try:
             tasks.put(receive(source))
