@@ -77,7 +77,7 @@ def side_by_side(plan: Plan, repetitions: int) -> tuple[int, dict[str, np.ndarra
 def print_memory(trials: int) -> None:
     """Print the peak memory of this process after a number of trials [MB]."""
     plan = two_blocks()
-    execute(plan.problem.config, plan, trials=trials)
+    execute(plan, trials=trials)
     print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
 
 
@@ -88,16 +88,16 @@ def memory(trials: int) -> int:
 
 
 def report(quick: bool) -> str:
-    """Return all measurements as a page."""
-    facts = machine_facts(("mujoco", "numpy", "loky"))
+    """All measurements as a page."""
+    facts = machine_facts(("mujoco", "numpy"))
     plan = two_blocks()
     steps, seconds = side_by_side(plan, 2 if quick else 9)
     best = {name: steps / times.min() for name, times in seconds.items()}
     middle = {name: steps / np.median(times) for name, times in seconds.items()}
     trials = 25 if quick else 100
-    whole = interleaved({"all": lambda: execute(plan.problem.config, plan, trials=trials)}, 1 if quick else 3)["all"]
+    whole = interleaved({"all": lambda: execute(plan, trials=trials)}, 1 if quick else 3)["all"]
     stepping = plan_of("humanoid_step")
-    walk = interleaved({"walk": lambda: execute(stepping.problem.config, stepping, trials=1)}, 2 if quick else 9)
+    walk = interleaved({"walk": lambda: execute(stepping, trials=1)}, 2 if quick else 9)
     counts = (25, 50) if quick else (100, 2000)
     sizes = [memory(count) for count in counts]
     lines = [

@@ -11,13 +11,12 @@ import numpy as np
 import pytest
 
 import robustopt as ro
-from robustopt import batch
 from robustopt.config import Config
 from robustopt.config.load import load_config, with_values
 from robustopt.errors import ConfigError, SolverFailed
 from robustopt.limits import build_problem
 from robustopt.processes import end_processes, in_processes
-from robustopt.solvers import Plan, Status, solve
+from robustopt.solvers import Plan, Status, batch, solve
 from robustopt.solvers.batch import BatchPlanner, with_beliefs
 
 CONFIGS = Path(__file__).parents[1] / "configs"

@@ -15,18 +15,11 @@ from scipy.optimize import linprog
 
 from robustopt.geometry import erode, rectangle, regular_polygon, rotation
 from robustopt.limits import build_problem
-from robustopt.limits.contact import (
-    ContactSystem,
-    about_point,
-    carried,
-    contact_systems,
-    friction_edges,
-    patch_facets,
-    skew,
-    wrench_generators,
-)
-from robustopt.limits.rows import evaluate
-from robustopt.solvers.inner_lp import ForceProgram, missing_rows
+from robustopt.limits.bodies import _skews
+from robustopt.limits.cones import about_point, friction_edges, patch_facets, wrench_generators
+from robustopt.limits.formulas import evaluate
+from robustopt.limits.systems import ContactSystem, carried, object_systems
+from robustopt.solvers.force_program import ForceProgram, missing_rows
 from robustopt.solvers.plan import interval_ends
 
 SQUARE = rectangle(np.zeros(2), np.array([0.1, 0.1]))
@@ -91,7 +84,7 @@ def test_friction_edges_lie_on_the_cone_and_start_along_x() -> None:
 def test_wrenches_move_between_points() -> None:
     rng = np.random.default_rng(0)
     force, arm, point = rng.normal(size=(3, 3))
-    np.testing.assert_allclose(skew(arm) @ force, np.cross(arm, force))
+    np.testing.assert_allclose(_skews(arm) @ force, np.cross(arm, force))
     about_origin = np.r_[force, np.cross(arm, force)]
     np.testing.assert_allclose(about_point(point) @ about_origin, np.r_[force, np.cross(arm - point, force)])
 
@@ -192,7 +185,7 @@ def test_displaced_contact_points_still_transmit_what_the_eroded_patch_does() ->
 def systems(objects: dict[str, Any], **sections: Any) -> dict[tuple[str, ...], ContactSystem]:
     config = scene(objects=objects, **sections)
     friction = dict.fromkeys(objects, 0.5)
-    return {system.objects: system for system in contact_systems(config, friction, {})}
+    return {system.objects: system for system in object_systems(config, friction, {})}
 
 
 def box(
@@ -224,7 +217,7 @@ def test_every_object_of_a_stack_is_a_system_of_its_own() -> None:
         ("beside",): (("beside",),),
     }
     assert found[("b",)].names == ("slip of b on a", "tipping of b over a")
-    assert all(system.facets is not None for system in found.values())
+    assert all(system.complete for system in found.values())
 
 
 def test_two_objects_on_one_load_it_together() -> None:
@@ -239,7 +232,7 @@ def test_a_bridge_and_its_supports_are_one_system() -> None:
     assert set(found) == {("left", "right", "plank")}
     system = found[("left", "right", "plank")]
     assert system.loads == (("left",), ("right",), ("plank",))
-    assert system.facets is None
+    assert not system.complete
     assert system.names == ("balance of plank on left and right",)
     assert system.generators.shape == (18, 4 * 4 * 16)  # four interfaces of four corners and 16 edges
 
@@ -254,7 +247,7 @@ def test_what_carries_a_whole_bridge_is_determinate() -> None:
     found = systems(objects)
     assert set(found) == {("base",), ("left", "right", "plank")}
     assert found[("base",)].loads == (("base", "left", "right", "plank"),)
-    assert found[("base",)].facets is not None
+    assert found[("base",)].complete
 
 
 def test_objects_on_a_bridge_or_on_its_support_load_it() -> None:
@@ -331,15 +324,15 @@ def test_moments_about_another_point_describe_the_same_cone() -> None:
     moved = system.about([np.array([0.3, -0.2, 0.4])])
     transform = about_point(np.array([0.3, -0.2, 0.4]))
     np.testing.assert_allclose(moved.generators, transform @ system.generators)
-    assert moved.facets is not None
-    assert system.facets is not None
+    assert moved.complete
+    assert system.complete
     np.testing.assert_allclose(moved.facets @ transform, system.facets, atol=1e-12)
     assert (moved.facets @ moved.generators).max() <= 1e-10
 
 
 def test_facets_are_named_after_what_would_happen() -> None:
     system = systems({"a": box(size=(0.1, 0.1, 0.2))})[("a",)]
-    assert system.facets is not None
+    assert system.complete
     bottom = np.array([0.0, 0.0, 0.005])
     pushed = {
         "slip": np.r_[0.6, 0.0, 1.0, np.cross(bottom, [0.6, 0.0, 1.0])],
@@ -381,11 +374,11 @@ def test_missing_rows_are_found_where_facets_are_violated_and_only_there() -> No
     u, x = rng.normal(scale=6.0, size=15), rng.uniform(0, 3, 15)
     none, no_terms = np.zeros((0, 0, 3)), np.zeros((0, 0, 0))
     for family, facets in zip(problem.limits.contacts, problem.facets, strict=True):
-        program = ForceProgram(family)
+        program, bare = ForceProgram(family), family.with_facets(facets[:0])
         worst = evaluate(facets, family.loads.at(points), none, no_terms, u, x).max(axis=1)
         assert (worst > 1e-3).any()
         for k in range(15):
-            rows, violation, _ = missing_rows(family, program, facets[:0], points[[k]], u[[k]], x[[k]])
+            (rows, _), violation, _ = missing_rows(bare, program, points[[k]], u[[k]], x[[k]])
             assert (len(rows) > 0) == (worst[k] > 1e-7)
             assert (violation > 1e-7) == (worst[k] > 1e-7)
             assert len(rows) == 0 or (rows @ family.system.generators).max() <= 1e-6 * np.abs(rows).max()
@@ -426,10 +419,10 @@ def test_facets_and_inner_programs_lead_to_the_same_plan(
     )
     config = waiter(name, "solver.collocation_points=40", "contact.friction=0.4", uncertain)
     by_facets = plan_of(config, "reachability")
-    assert all(family.system.facets is not None for family in by_facets.problem.limits.contacts)
-    monkeypatch.setattr("robustopt.limits.contact.MOST_GENERATORS", 0)
+    assert all(family.system.complete for family in by_facets.problem.limits.contacts)
+    monkeypatch.setattr("robustopt.limits.cones.MOST_GENERATORS", 0)
     by_programs = plan_of(config, method)
-    assert all(family.system.facets is None for family in by_programs.problem.limits.contacts)
+    assert all(not family.system.complete for family in by_programs.problem.limits.contacts)
     assert by_programs.statistics["inner_programs"] > 0
     assert by_programs.duration == pytest.approx(by_facets.duration, rel=1e-6)
 
@@ -440,7 +433,7 @@ def test_patches_of_many_corners_tip_like_others(points: int, edges: int) -> Non
     can = {"shape": "cylinder", "radius": 0.03, "height": 0.4, "mass": 1.0}
     contact = {"friction": 2.0, "patch_points": points, "cone_edges": edges}
     plan = plan_of(scene(objects={"can": can}, contact=contact))
-    assert plan.problem.limits.contacts[0].system.facets is None
+    assert not plan.problem.limits.contacts[0].system.complete
     assert plan.duration == pytest.approx(bang_bang(1.0, G * 0.03 / 0.2), rel=1e-7)
 
 
@@ -453,7 +446,7 @@ def test_turning_over_one_corner_is_tipping_and_pivoting_about_it_is_slip() -> N
     powers = (tipping @ system.generators).reshape(8, 16)
     assert np.abs(powers[0]).max() <= 1e-15  # the corner stays
     assert powers[1:].min() > 0 or powers[1:].max() < 0  # and all others move one way
-    assert system.facets is not None
+    assert system.complete
     kinds = system.kind_of(np.vstack([tipping, system.facets]))
     assert kinds[0] == 1
     assert kinds[1:].sum() == 8  # over each side of the octagon
@@ -478,12 +471,12 @@ def test_no_facet_is_overlooked_where_another_dual_and_its_worst_parameters_agre
     config = waiter("side_by_side", "solver.collocation_points=40", "contact.friction=0.305", WIDE)
     families = build_problem(config).limits.contacts
     if not with_facets:
-        monkeypatch.setattr("robustopt.limits.contact.MOST_GENERATORS", 0)
+        monkeypatch.setattr("robustopt.limits.cones.MOST_GENERATORS", 0)
     plan = plan_of(config, "ipopt")
     u, x, points = interval_ends(plan.problem, plan.x, plan.u)
     none, no_terms = np.zeros((0, 0, 3)), np.zeros((0, 0, 0))
     for family in families:
-        assert family.system.facets is not None
+        assert family.system.complete
         rows = family.system.facets / family.weight
         assert evaluate(rows, family.loads.at(points), none, no_terms, u, x).max() <= 1e-6
 

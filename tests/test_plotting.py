@@ -495,7 +495,7 @@ def test_contacts_of_a_real_plan(waiter):
     plan = waiter["reachability"]
     config = plan.problem.config
     with house_style():
-        figure = figures(plan, config, certify(config, plan))["contacts"]
+        figure = figures(plan, config, certify(plan))["contacts"]
     lower, upper = figure.axes
     assert lower.get_title(loc="left").startswith("lower on tray, worst case 100.")
     assert upper.get_title(loc="left").startswith("upper on lower, worst case")

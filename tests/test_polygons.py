@@ -32,6 +32,7 @@ from robustopt.limits.polygons import (
     facet_family,
     start,
 )
+from robustopt.limits.uncertainty import uncertainty_of
 from robustopt.scene.patches import patches
 
 EXPERIMENTS = Path(__file__).parents[1] / "experiments"
@@ -265,7 +266,8 @@ def worst_contact(
     problem: TimeScalingProblem, point: int, u: float, x: float, draws: list[mechanics.Draw], moves: list[np.ndarray]
 ) -> float:
     """Largest facet value of any interface over draws and displacements of its corners, as a fraction of the weight."""
-    config, lowest, worst = problem.config, problem.limits.uncertainty.worst_friction, -np.inf
+    config, worst = problem.config, -np.inf
+    lowest = uncertainty_of(config, problem.robot.n, problem.robot.base).worst_friction
     for draw, move in zip(draws, moves, strict=True):
         motion = mechanics.tray_motion(problem, point, u, x, draw.error)
         for patch in patches(config):

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scenes import FLAT, WAITERS, G, bang_bang, residual, scene, waiter
 
 from robustopt.limits import TimeScalingProblem, build_problem, build_rows
-from robustopt.limits.track import _apportion, gridpoints
+from robustopt.limits.grid import _apportion, gridpoints
 from robustopt.path import build_path
 from robustopt.robot import load_robot
 from robustopt.solvers import solve
@@ -118,7 +118,8 @@ def test_rows_of_a_slide_are_the_closed_form() -> None:
     )  # fmt: skip
     limits_of = build_problem(config).limits
     np.testing.assert_allclose(limits_of.x_max, (3.0 / length) ** 2)
-    np.testing.assert_allclose(limits_of.acceleration[3], [[length / 2, 0, -1], [-length / 2, 0, -1]], atol=1e-12)
+    acceleration = limits_of.track.acceleration(limits_of.uncertainty.error)
+    np.testing.assert_allclose(acceleration[3], [[length / 2, 0, -1], [-length / 2, 0, -1]], atol=1e-12)
     torque, base = limits_of.torque, limits_of.torque.base[3]
     load = torque.B[3] @ torque.loads.middle()[3]
     expected = np.array([[3.5 * length, 0, 0.5 - 5.0], [-3.5 * length, 0, -0.5 - 5.0]]) / 5.0
@@ -223,8 +224,9 @@ def test_the_slowest_timing_satisfies_all_rows() -> None:
 def test_grids_of_any_size_give_the_same_rows_where_they_meet(points: int) -> None:
     config = waiter("one_block", f"solver.collocation_points={points}")
     coarse, fine = problem_of("one_block"), build_problem(config)
+    first, second = (problem.limits.track.acceleration(problem.limits.uncertainty.error) for problem in (coarse, fine))
     for end in (0, -1):
-        np.testing.assert_allclose(coarse.limits.acceleration[end], fine.limits.acceleration[end], atol=1e-9)
+        np.testing.assert_allclose(first[end], second[end], atol=1e-9)
         np.testing.assert_allclose(coarse.limits.torque.base[end], fine.limits.torque.base[end], atol=1e-6)
 
 

@@ -16,7 +16,7 @@ from scenes import BOX, FLAT, WAITERS, bang_bang, duration, plan_of, residual, s
 from robustopt.config import Config
 from robustopt.config.load import with_values
 from robustopt.limits import TimeScalingProblem, build_problem
-from robustopt.limits.rows import evaluate
+from robustopt.limits.formulas import evaluate
 from robustopt.solvers import Plan, Status, solve
 from robustopt.solvers.plan import duration_of, interval_ends, timing
 from robustopt.solvers.reachability import passes, solve_reachability
@@ -90,7 +90,7 @@ def test_contact_holds_on_all_facets_for_the_worst_parameters(name: str) -> None
         plan = solved(name, 60, method)
         u, x, points = interval_ends(plan.problem, plan.x, plan.u)
         for family in plan.problem.limits.contacts:
-            if family.system.facets is not None:
+            if family.system.complete:
                 rows = family.system.facets / family.weight
                 assert evaluate(rows, family.loads.at(points), none, no_terms, u, x).max() <= 1e-6
 

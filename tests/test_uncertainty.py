@@ -12,17 +12,12 @@ import pytest
 from scenes import BOX, FLAT, scene, waiter
 from scipy.spatial.transform import Rotation
 
+from robustopt.config import Config
 from robustopt.limits import TimeScalingProblem, build_problem
-from robustopt.limits.rows import evaluate, worst_wrench
-from robustopt.limits.uncertainty import (
-    INERTIA_TERMS,
-    acceleration_error,
-    bodies,
-    contact_shift,
-    friction,
-    regressor,
-    spin_regressor,
-)
+from robustopt.limits.bodies import INERTIA_TERMS, regressor, spin_regressor
+from robustopt.limits.formulas import evaluate, worst_wrench
+from robustopt.limits.uncertainty import acceleration_error, bodies, uncertainty_of
+from robustopt.robot.preparation import CARRIER_SITE
 
 NONE, NO_TERMS = np.zeros((0, 0, 3)), np.zeros((0, 0, 0))
 
@@ -83,6 +78,14 @@ def test_parameters_of_a_body_hold_every_displaced_centre_of_mass() -> None:
     np.testing.assert_allclose(body.linear[:, 1:4], (turn * reach).T, atol=1e-15)
 
 
+def friction(config: Config) -> dict[str, float]:
+    return uncertainty_of(config, 1, 0).worst_friction
+
+
+def contact_shift(config: Config) -> dict[str, float]:
+    return dict(uncertainty_of(config, 1, 0).contact_points)
+
+
 def test_friction_is_the_lowest_believed_of_each_interface() -> None:
     objects = {"a": FLAT, "b": FLAT | {"on": "a"}, "c": FLAT | {"on": "b"}}
     assert friction(scene(objects=objects, contact={"friction": 0.4})) == {"a": 0.4, "b": 0.4, "c": 0.4}
@@ -103,7 +106,7 @@ def test_contact_shift_and_acceleration_error_read_one_value_or_one_each() -> No
     named = scene(objects=objects, uncertainty={"contact_points": {"default": 0.001, "b": 0.003}})
     assert contact_shift(named) == {"a": 0.001, "b": 0.003}
     each = {"joint_acceleration": {"mean": [0.1, 0.2], "deviation": 0.3, "K": 2.0}}
-    middle, radius = acceleration_error(scene("two_slides", uncertainty=each), 2)
+    middle, radius = acceleration_error(scene("two_slides", uncertainty=each), 2, 0).arrays
     np.testing.assert_allclose(middle, [0.1, 0.2])
     np.testing.assert_allclose(radius, [0.6, 0.6])
 
@@ -196,9 +199,9 @@ def torque_by_mujoco(problem: TimeScalingProblem, point: int, u: float, x: float
     """Inverse dynamics of the arm with the tray and the objects welded to it, and joint friction against the path."""
     config, robot = problem.config, problem.robot
     spec = robot.spec.copy()
-    tool = next(site for site in spec.sites if site.name == "robustopt_tray").parent
+    tool = next(site for site in spec.sites if site.name == CARRIER_SITE).parent
     model = spec.compile()
-    site = model.site("robustopt_tray")
+    site = model.site(CARRIER_SITE)
     for name in ("tray", *config.objects):
         body = config.tray if name == "tray" else config.objects[name]
         placed = mechanics.placements(config)
@@ -234,7 +237,8 @@ def test_torques_are_mujoco_s_with_the_load_welded_on(kind: str) -> None:
     points, u, x = some_points(problem, 5, seed=7)
     points = np.clip(points, 1, len(problem.s) - 2)
     limit = problem.robot.limits.torque
-    excess = problem.limits.torque.excess(u, x, points)
+    excess = problem.limits.torque.sides(u, x, points)
+    np.testing.assert_array_equal(problem.limits.torque.excess(u, x, points), np.maximum(excess[:, :6], excess[:, 6:]))
     rng = np.random.default_rng(8)
     for k, (point, uk, xk) in enumerate(zip(points, u, x, strict=True)):
         for draw in [mechanics.nominal(problem), *mechanics.random_draws(problem, 6, rng)]:

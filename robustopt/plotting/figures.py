@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from matplotlib.figure import Figure
 
@@ -19,6 +18,7 @@ from robustopt.plotting.shares import shares_figure
 from robustopt.plotting.style import house_style, save
 from robustopt.plotting.utilisation import Utilisation, contacts_figure, environment_utilisation
 from robustopt.robot import Robot
+from robustopt.runs.records import Iteration
 from robustopt.simulation.trace import Trace
 from robustopt.solvers.contact_forces import planned_forces
 from robustopt.solvers.plan import Plan
@@ -65,9 +65,7 @@ def write_execution_figures(config: Config, traces: Sequence[Trace], robot: Robo
         return _write(drawn, folder)
 
 
-def write_learning_figure(
-    records: Sequence[Mapping[str, Any]], target_rate: float, title: str, folder: Path
-) -> list[Path]:
+def write_learning_figure(records: Sequence[Iteration], target_rate: float, title: str, folder: Path) -> list[Path]:
     """Write the figure of a learning run as SVG and PNG.
 
     Args:

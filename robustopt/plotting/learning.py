@@ -1,10 +1,9 @@
-"""Progress of a learning run: interval of the parameter, duration and success of every plan in order."""
+"""Figure of a learner: the interval that shrinks, the duration and the success of every plan that it tried."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,8 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from robustopt.plotting.style import BLUE, GREEN, GREY, INK, VERMILLION
-
-Record = Mapping[str, Any]
+from robustopt.runs.records import Iteration
 
 MARKS = {
     "success": ("o", GREEN), "failure": ("x", VERMILLION), "undecided": ("x", GREY), "infeasible": ("s", GREY),
@@ -22,20 +20,17 @@ MARKS = {
 """Marker and colour by result."""
 
 
-def learning_figure(records: Sequence[Record], target_rate: float, title: str) -> Figure:
-    """Draw the interval of the parameter, the duration and the success rate of every plan in order.
+def learning_figure(records: Sequence[Iteration], target_rate: float, title: str) -> Figure:
+    """Draw the learned interval, the duration and the success rate of every plan in order.
 
     Args:
-        records: The plans in order, as in the summary of a run.
-        target_rate: The success rate in question, in [0, 1]; it is drawn as a line.
-        title: The title of the figure.
-
-    Returns:
-        The figure; it has a panel of success rates if any plan has one.
+        records: of the plans.
+        target_rate: the success rate in question, drawn as a line.
+        title: of the figure.
     """
-    panels = [_draw_intervals, _draw_durations]
-    if any(record.get("success_rate") is not None for record in records):
-        panels.append(_draw_successes)
+    panels = [_beliefs, _durations]
+    if any(record.success_rate is not None for record in records):
+        panels.append(_successes)
     figure = Figure(figsize=(max(5.0, 1.5 + 0.28 * len(records)) + 1.6, 1.0 + 1.9 * len(panels)))
     axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     for panel, axis in zip(panels, axes, strict=True):
@@ -53,62 +48,68 @@ def learning_figure(records: Sequence[Record], target_rate: float, title: str) -
     return figure
 
 
-def _draw_intervals(axis: Axes, records: Sequence[Record]) -> None:
-    """Draw the interval of the friction coefficient, the bounds of the duration, or the interval of the error."""
-    if any(record.get("friction_high") is not None for record in records):
+def _beliefs(axis: Axes, records: Sequence[Iteration]) -> None:
+    """Draw the interval of the coefficient of friction, or the widest interval of the acceleration error."""
+    if any(record.friction_high is not None for record in records):
         edges = 0.5 + np.arange(len(records) + 1)
-        low, high = ([record[key] for record in records] for key in ("friction_low", "friction_high"))
+        low, high = ([getattr(record, key) for record in records] for key in ("friction_low", "friction_high"))
         axis.stairs(high, edges, baseline=low, fill=True, color=BLUE, alpha=0.15)
         axis.stairs(high, edges, baseline=None, color=BLUE, linewidth=1.0)
         axis.stairs(low, edges, baseline=None, color=BLUE, linewidth=1.0)
-        axis.use_sticky_edges = False  # otherwise a mark at the end of the interval is cut off
-        _mark(axis, records, [record["friction"] for record in records])
-        axis.set_ylabel("friction coefficient")
-    elif any(record.get("incumbent") is not None for record in records):
+        axis.use_sticky_edges = False  # else a mark at the end of the interval is cut
+        _mark(axis, records, _numbers(records, "friction"))
+        axis.set_ylabel("coefficient of friction")
+    elif any(record.incumbent is not None for record in records):
         x = 1 + np.arange(len(records))
         for key, colour, label in (("incumbent", GREEN, "best so far"), ("lower_bound", BLUE, "lower bound")):
-            values = [np.nan if record.get(key) is None else record[key] for record in records]
-            axis.step(x, values, where="post", color=colour, linewidth=1.2, label=label)
+            axis.step(x, _numbers(records, key), where="post", color=colour, linewidth=1.2, label=label)
         axis.set_ylabel("duration [s]")
     else:
-        _mark(axis, records, [max(record["planned_half_width"], default=0.0) for record in records])
+        _mark(axis, records, [max(record.planned_half_width, default=0.0) for record in records])
         axis.set_ylabel("error interval, ±\n[rad/s² or m/s²]")
 
 
-def _draw_durations(axis: Axes, records: Sequence[Record]) -> None:
-    _mark(axis, records, [np.nan if record["duration"] is None else record["duration"] for record in records])
+def _durations(axis: Axes, records: Sequence[Iteration]) -> None:
+    _mark(axis, records, _numbers(records, "duration"))
     axis.set_ylabel("duration [s]")
 
 
-def _draw_successes(axis: Axes, records: Sequence[Record]) -> None:
+def _successes(axis: Axes, records: Sequence[Iteration]) -> None:
     for i, record in enumerate(records):
-        if record.get("success_rate") is not None:
-            low, high = 100 * record["success_low"], 100 * record["success_high"]
-            axis.plot([i + 1, i + 1], [low, high], color=GREY, linewidth=3.0, solid_capstyle="butt", zorder=1)
-    rates = [np.nan if record.get("success_rate") is None else 100 * record["success_rate"] for record in records]
-    _mark(axis, records, rates, joined=False)
+        if record.success_low is not None and record.success_high is not None:
+            ends = [100 * record.success_low, 100 * record.success_high]
+            axis.plot([i + 1, i + 1], ends, color=GREY, linewidth=3.0, solid_capstyle="butt", zorder=1)
+    _mark(axis, records, [100 * rate for rate in _numbers(records, "success_rate")], joined=False)
     axis.set_ylim(-4, 104)
     axis.set_ylabel("fresh successes [%]")
 
 
-def _mark(axis: Axes, records: Sequence[Record], values: Sequence[float], joined: bool = True) -> None:
-    """Mark the plans by their results and join them by a line, which breaks if a new search begins."""
+def _numbers(records: Sequence[Iteration], key: str) -> list[float]:
+    """Return one field of all records, nan for None."""
+    values = [getattr(record, key) for record in records]
+    return [np.nan if value is None else value for value in values]
+
+
+def _mark(axis: Axes, records: Sequence[Iteration], values: Sequence[float], joined: bool = True) -> None:
+    """Mark the plans by their results, joined by lines unless the search begins anew."""
     starts = [0, *(i for i in range(1, len(records)) if _begins_anew(records[i - 1], records[i])), len(records)]
     for start, end in pairwise(starts) if joined else ():
         axis.plot(1 + np.arange(start, end), values[start:end], color=INK, linewidth=0.6, zorder=1)
     for i, (record, value) in enumerate(zip(records, values, strict=True)):
-        marker, colour = MARKS[record["result"]]
+        marker, colour = MARKS[str(record.result)]
         axis.plot(i + 1, value, marker=marker, color=colour, markersize=6, zorder=2)
 
 
-def _begins_anew(before: Record, record: Record) -> bool:
-    """Return whether the interval of friction has widened, as it does when the search for the next K begins."""
-    low, high = (record.get(key) for key in ("friction_low", "friction_high"))
-    return low is not None and (low < before["friction_low"] or high > before["friction_high"])
+def _begins_anew(before: Iteration, record: Iteration) -> bool:
+    """Return whether the interval of friction is wider than before: a search for the next K."""
+    low, high = before.friction_low, before.friction_high
+    if low is None or high is None or record.friction_low is None or record.friction_high is None:
+        return False
+    return record.friction_low < low or record.friction_high > high
 
 
-def _legend(axis: Axes, records: Sequence[Record]) -> None:
-    for result in dict.fromkeys(record["result"] for record in records):
+def _legend(axis: Axes, records: Sequence[Iteration]) -> None:
+    for result in dict.fromkeys(str(record.result) for record in records):
         marker, colour = MARKS[result]
         axis.plot([], [], marker=marker, color=colour, linestyle="none", label=result)
     axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))

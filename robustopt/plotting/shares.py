@@ -12,12 +12,13 @@ MOST_BARS = 12
 """Number of limits that have a bar of their own."""
 
 
-def shares_figure(shares: Mapping[str, float], title: str) -> Figure:
-    """Draw the share of the duration in which each limit binds as horizontal bars.
+def shares_figure(shares: Mapping[str, float], title: str, of: str = "duration") -> Figure:
+    """Draw shares of a whole as horizontal bars, such as of the duration in which each limit binds.
 
     Args:
         shares: Share by limit, in [0, 1], largest first; it is drawn at the top.
         title: The title of the figure.
+        of: The whole.
 
     Returns:
         The figure; limits beyond the twelfth share one bar.
@@ -38,8 +39,8 @@ def shares_figure(shares: Mapping[str, float], title: str) -> Figure:
     axes.set_yticks(range(len(shown)), list(shown))
     axes.set_ylim(len(shown) - 0.5, -0.5)
     axes.tick_params(axis="y", length=0)
-    axes.set_xlim(0, 1.15 * max(shown.values()))
+    axes.set_xlim(0, 1.15 * max(shown.values(), default=1.0))
     axes.xaxis.set_major_formatter(lambda share, _: f"{100 * share:.0f} %")
-    axes.set_xlabel("share of the duration")
+    axes.set_xlabel(f"share of the {of}")
     axes.set_title(title)
     return figure

@@ -14,9 +14,10 @@ from __future__ import annotations
 import numpy as np
 
 from robustopt.arrays import Array, Indices
+from robustopt.limits import polygons
 from robustopt.limits.contact_limit import NO_BASE, NO_TERMS, ContactLimit
 from robustopt.limits.formulas import evaluate, worst_wrench
-from robustopt.limits.polygons import Loads
+from robustopt.limits.polygons import Loads, facet_family
 from robustopt.limits.systems import ContactSystem
 from robustopt.solvers.linear_program import LinearProgram
 
@@ -32,9 +33,6 @@ ROUNDS = 4
 SECOND_LOOK, LEAST_CORNERS, MOST_CORNERS = 8000, 4, 20
 """Programs of a second look without facets, in all, and the random corners of the box of the parameters that it tries
 at each end of an interval. A row found at one grid point holds at all, so a fine grid needs fewer at each."""
-
-CHUNK = 64
-"""Ends of intervals at which all facets are evaluated at once, for the sake of memory."""
 
 ROBUST_BAND = 0.5
 """Wrenches with more than this fraction of the weight in reserve are not asked for a second opinion."""
@@ -146,12 +144,11 @@ def _is_certain(loads: Loads) -> bool:
 
 def violated_facets(limit: ContactLimit, points: Indices, u: Array, x: Array) -> Rows:
     """Return the explicit row of a system that is worst at each point, if it is violated and not known yet."""
-    facets, found = limit.system.facets / limit.weight, [np.zeros(0, dtype=np.intp)]
-    for k in range(0, len(points) if len(facets) else 0, CHUNK):
-        part = slice(k, k + CHUNK)
-        values = evaluate(facets, limit.loads.at(points[part]), NO_BASE, NO_TERMS, u[part], x[part])
-        found.append(np.argmax(values, axis=1)[values.max(axis=1) > VIOLATION])
-    index = np.unique(np.concatenate(found))
+    facets = limit.system.facets / limit.weight
+    if not len(facets):
+        return limit.facets[:0], limit.kinds[:0]
+    values = polygons.evaluate(facet_family(facets, limit.loads, limit.system.kinds), points, u, x)
+    index = np.unique(np.argmax(values, axis=1)[values.max(axis=1) > VIOLATION])
     new = _distinct(facets[index], limit.facets)
     return facets[index][new], limit.system.kinds[index][new]
 

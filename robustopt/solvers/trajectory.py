@@ -10,6 +10,7 @@ and q = q(s), qd = q' sd, qdd = q' sdd + q'' sd^2. Nothing is integrated numeric
 from __future__ import annotations
 
 import csv
+import json
 from dataclasses import dataclass
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
@@ -17,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robustopt.errors import ConfigError, ProblemInfeasible, SolverFailed
+from robustopt.errors import ConfigError, Infeasible, SolverFailed
 
 if TYPE_CHECKING:
     from robustopt.path import Path
@@ -87,13 +88,13 @@ class Trajectory:
             speed: factor on sd; sdd, and with it the joint accelerations, grows with its square.
 
         Raises:
-            ProblemInfeasible: the plan is empty.
+            Infeasible: the plan is empty.
             SolverFailed: the plan rests at both ends of an interval that has a length, so that it never ends.
             ConfigError: `speed` is not positive and finite.
         """
         _require_positive("speed", speed)
         if plan.x.size == 0:
-            raise ProblemInfeasible(f"There is no trajectory: {plan.message}")
+            raise Infeasible(f"There is no trajectory: {plan.message}")
         s = np.asarray(plan.s, dtype=float)
         sd = speed * np.sqrt(np.maximum(plan.x, 0.0))
         steps = interval_durations(s, sd)
@@ -208,6 +209,17 @@ def binding_shares(plan: Plan) -> dict[str, float]:
     return {name: time / total for name, time in sorted(times.items(), key=lambda item: (-item[1], item[0]))}
 
 
+def export(plan: Plan, folder: FilePath | str, period: float | None = None) -> list[FilePath]:
+    """Write a plan into a folder, see `Plan.export`."""
+    folder, period = FilePath(folder), plan.problem.config.output.period if period is None else period
+    folder.mkdir(parents=True, exist_ok=True)
+    files = [folder / name for name in ("plan.csv", "trajectory.csv", "joint_trajectory.json")]
+    write_plan_csv(plan, files[0])
+    write_trajectory_csv(plan, period, files[1])
+    files[2].write_text(json.dumps(joint_trajectory(plan, period)) + "\n", encoding="utf-8")
+    return files
+
+
 def write_plan_csv(plan: Plan, path: FilePath) -> None:
     """Write the plan at its grid points as CSV: t, s, sd, sdd, q_<joint>, qd_<joint>, qdd_<joint>.
 
@@ -249,14 +261,20 @@ def _ros_duration(t: float) -> dict[str, int]:
     return {"sec": sec, "nanosec": nanosec}
 
 
-def _write_csv(samples: Samples, joint_names: tuple[str, ...], path: FilePath) -> None:
+def columns(samples: Samples, joint_names: tuple[str, ...]) -> tuple[list[str], Array]:
+    """Return the heads and the rows of a table of samples: t, s, sd, sdd, q_<joint>, qd_<joint>, qdd_<joint>."""
     scalars = np.stack([samples.t, samples.s, samples.sd, samples.sdd], axis=1)
     rows = np.hstack([scalars, samples.q, samples.qd, samples.qdd])
-    header = ["t", "s", "sd", "sdd", *(f"{quantity}_{name}" for quantity in ("q", "qd", "qdd") for name in joint_names)]
+    heads = ["t", "s", "sd", "sdd", *(f"{quantity}_{name}" for quantity in ("q", "qd", "qdd") for name in joint_names)]
+    return heads, rows + 0.0  # -0.0 + 0.0 is 0.0
+
+
+def _write_csv(samples: Samples, joint_names: tuple[str, ...], path: FilePath) -> None:
+    heads, rows = columns(samples, joint_names)
     with open(path, "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(header)
-        writer.writerows((rows + 0.0).tolist())  # -0.0 + 0.0 is 0.0
+        writer.writerow(heads)
+        writer.writerows(rows.tolist())
 
 
 def _require_positive(name: str, value: float) -> None:

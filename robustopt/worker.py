@@ -1,0 +1,98 @@
+"""The inside of a worker process of `processes`: tasks arrive on its standard input, results leave on its output.
+
+A message is its length and so many bytes. Both pipes end with the process at their other end.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import struct
+import sys
+import threading
+import traceback
+from queue import SimpleQueue
+
+LENGTH = struct.Struct("!Q")
+"""How the length of a message is written."""
+
+PIECE = 1 << 20
+"""Bytes read from a pipe at once, at most."""
+
+
+def send(pipe: int, message: bytes) -> None:
+    """Write a message to a pipe, given by its file descriptor.
+
+    Raises:
+        OSError: the process at the other end has ended.
+    """
+    for data in (LENGTH.pack(len(message)), message):
+        rest = memoryview(data)
+        while rest:
+            rest = rest[os.write(pipe, rest) :]
+
+
+def receive(pipe: int) -> bytes:
+    """Read a message from a pipe, given by its file descriptor.
+
+    Raises:
+        EOFError: the process at the other end has ended, perhaps in the middle of a message.
+    """
+    (length,) = LENGTH.unpack(_read(pipe, LENGTH.size))
+    return _read(pipe, length)
+
+
+def _read(pipe: int, size: int) -> bytes:
+    data = bytearray()
+    while len(data) < size:
+        piece = os.read(pipe, min(size - len(data), PIECE))
+        if not piece:
+            raise EOFError
+        data += piece
+    return bytes(data)
+
+
+def work() -> None:
+    """Carry out tasks, one after the other, until the process that sends them ends."""
+    source, sink = _take_standard_streams()
+    tasks: SimpleQueue[bytes] = SimpleQueue()
+    threading.Thread(target=_listen, args=(source, tasks), daemon=True).start()
+    while True:
+        answer = _answer(tasks.get())
+        try:
+            send(sink, answer)
+        except OSError:
+            os._exit(1)
+
+
+def _take_standard_streams() -> tuple[int, int]:
+    """Keep the pipes from tasks that read or print: they find an empty input, and print to the standard error."""
+    pipes = os.dup(0), os.dup(1)
+    null = os.open(os.devnull, os.O_RDWR)
+    os.dup2(null, 0)
+    os.dup2(null if sys.stderr is None else 2, 1)
+    return pipes
+
+
+def _listen(source: int, tasks: SimpleQueue[bytes]) -> None:
+    """Pass on the tasks as they come; end this process, even in the middle of a task, when no more can come."""
+    while True:
+        try:
+            tasks.put(receive(source))
+        except (EOFError, OSError):
+            os._exit(1)
+
+
+def _answer(task: bytes) -> bytes:
+    """Carry out a pickled task, (function, arguments); return (True, its result) or (False, its exception), pickled."""
+    from cloudpickle import dumps
+
+    try:
+        call, arguments = pickle.loads(task)
+        return dumps((True, call(*arguments)))
+    except BaseException as error:
+        error.add_note(f"In a worker process:\n{traceback.format_exc()}")
+        try:
+            return dumps((False, error))
+        except Exception:  # an exception may hold anything
+            return dumps((False, RuntimeError(traceback.format_exc())))
