@@ -1,8 +1,8 @@
 """Plan one task for many settings of friction, masses, centres of mass, forces and errors.
 
-All settings share the robot, the path and their dynamics; the rest is computed anew, by the functions that plan a single
-task. So a plan of a batch equals the plan of its setting alone, bit for bit. If only durations are wanted and the work
-is worth it, several processes share it; the result does not depend on their number.
+All settings share the robot, the path and their dynamics; the rest is computed anew, by the functions that plan a
+single task. So a plan of a batch equals the plan of its setting alone, bit for bit. If only durations are wanted and
+the work is worth it, several processes share it; the result does not depend on their number.
 """
 
 from __future__ import annotations
