@@ -77,6 +77,7 @@ LAYERS = [
     ["simulation/trace"],
     ["simulation/video", "simulation"],
     ["learning/moments", "learning/parameters", "learning/settings", "learning/sequential", "learning/earned"],
+    ["learning/outcomes"],
     ["learning/learner"],
     ["learning/bisection", "learning/acceleration_interval", "learning/ilrobs", "learning/calibrated"],
     ["learning/monotone", "learning/cost_map", "learning/boundary"],

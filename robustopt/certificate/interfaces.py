@@ -26,8 +26,9 @@ def interface_utilisation(config: Config, plan: Plan) -> tuple[Array, dict[str, 
         Times (M,) [s], each inner one twice as u jumps there, and by the name of the contact ("upper on lower") the
         slip utilisation |f_t| / (mu f_z), (M,), and the tipping utilisation, (M,): the share of its way from standstill
         to the edge of the patch that the centre of pressure has gone. Both are 1 at the limit and infinite where the
-        contact opens. The motion does not determine the sharing of a bridge, of several cups and of two pads: there the
-        first is the gauge of the balance of all ("balance of plank on left and right"), and the second is not a number.
+        contact opens. A bridge, cups and pads have the gauge of their balance in place of the first ("balance of plank
+        on left and right"), and the second is not a number: the motion does not determine how they share the wrench,
+        and a vacuum may be used up without slip or tipping.
     """
     at = instants(plan, ())
     world = build_world(config, plan.problem.robot, plan.problem.path, stances(plan, at))
@@ -35,7 +36,7 @@ def interface_utilisation(config: Config, plan: Plan) -> tuple[Array, dict[str, 
     there = motion(plan, at, world.links)[0].at(moving)
     result = {}
     for system in world.systems:
-        if system.at is None and system.simple:
+        if system.at is None and system.simple and not system.pull.any():
             result[world.contacts[system.contacts[0]].name] = _slip_and_tipping(world, system, there)
         elif system.at is None:
             values = world.nominal.repeated(len(moving))

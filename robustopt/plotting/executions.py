@@ -131,7 +131,7 @@ def contact_trials_figure(traces: Sequence[Trace], title: str) -> Figure:
     for row in (0, 1):
         axes[row, -1].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     legend = "pale: measured, low-passed; thin: planned; grey: loaded soles, planned"
-    figure.suptitle(f"{title}: {legend}", x=0.01, ha="left")
+    figure.suptitle(f"{title}; {legend}", x=0.01, ha="left")
     return figure
 
 

@@ -117,7 +117,7 @@ def _contact_figures(plan: Plan, config: Config, title: str, certificate: Certif
         notes.append("planned forces at the least friction")
     if config.objects:
         times, used = interface_utilisation(config, plan)
-        utilisation |= {name: Utilisation(times, *pair) for name, pair in used.items()}
+        utilisation |= {_without_prefix(name): Utilisation(times, *pair) for name, pair in used.items()}
         notes.append("objects at the nominal values")
     if utilisation:
         worst = {} if certificate is None else _worst_utilisation(certificate)
@@ -128,7 +128,11 @@ def _contact_figures(plan: Plan, config: Config, title: str, certificate: Certif
 def _worst_utilisation(certificate: Certificate) -> dict[str, float]:
     """Return the largest utilisation of every limit, a contact under its own name."""
     worst = {limit: 1.0 - min(margin.on_grid, margin.between) for limit, margin in certificate.margins.items()}
-    return {limit.removeprefix("contact of "): value for limit, value in worst.items()}
+    return {_without_prefix(limit): value for limit, value in worst.items()}
+
+
+def _without_prefix(limit: str) -> str:
+    return limit.removeprefix("contact of ")
 
 
 def _write(drawn: Mapping[str, Figure], folder: Path) -> list[Path]:

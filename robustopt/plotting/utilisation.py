@@ -35,7 +35,7 @@ class Utilisation(NamedTuple):
 
     @property
     def shared(self) -> bool:
-        """Whether the contact shares its load with others, so that only their balance is known."""
+        """Return whether the contact shares its load with others, so that only their balance is known."""
         return bool(np.isnan(self.tipping).all())
 
 

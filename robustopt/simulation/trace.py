@@ -64,7 +64,7 @@ def trace(plan: Plan, trial: int, config: Config | None = None, seed: int | None
         The trial over time.
 
     Raises:
-        ProblemInfeasible, ConfigError, SimulationFailed: as `execute`.
+        Infeasible, ConfigError, SimulationFailed: as `execute`.
     """
     job = prepare(plan, config, seed, speed)
     prepared, record = simulate_trials(job, [trial], 1, Workspace())
