@@ -49,7 +49,7 @@ K = 1.0
 
 @dataclass(frozen=True)
 class World:
-    """A world; `noise` is the standard deviation of the margin, `budgets` are the executions of `bnb-informed` and of the others."""
+    """A world: noise is the standard deviation of the margin, budgets are those of `bnb-informed` and of the others."""
 
     name: str
     noise: float
@@ -150,15 +150,15 @@ BELOW = """
   cell: the median run does not.
 - Problems: `experiments/monotone_problems.py`, the shapes {shapes}, on which no constant of a learner was chosen. The
   true optimum is found by brute force on the boundary.
-- Noisy: the margin of an execution has a standard deviation of {noise:g} (parameters lie in [0, 1]); the required success
-  rate is {rate:.3f}, which the other methods test by {executions} successes in a row. Every execution counts. An
-  incumbent whose actual rate is more than {lenient:g} below that counts as b.
+- Noisy: the margin of an execution has a standard deviation of {noise:g} (parameters lie in [0, 1]); the required
+  success rate is {rate:.3f}, which the other methods test by {executions} successes in a row. Every execution
+  counts. An incumbent whose actual rate is more than {lenient:g} below that counts as b.
 - Random search, the grid and Optuna's samplers never execute a point that monotony decides or that costs more than
   the incumbent. Optuna's samplers get the inferences from monotony at no cost, and success as a constraint.
-{gp}- "Incumbents under the rate": of the incumbents after 40 executions, the share whose actual success rate is under the required
-  one, by however little; without noise there is none.
-- "Proven gap": incumbent over lower bound after 40 executions, minus 1. In the noisy world the bound of `bnb-informed`
-  holds by its model, the others by their verdicts.
+{gp}- "Incumbents under the rate": of the incumbents after 40 executions, the share whose actual success rate is
+under the required one, by however little; without noise there is none.
+- "Proven gap": incumbent over lower bound after 40 executions, minus 1. In the noisy world the bound of
+  `bnb-informed` holds by its model, the others by their verdicts.
 """
 
 

@@ -96,10 +96,11 @@ every plan executed in MuJoCo. Learned are
 
 BELOW = """
 - Medians over runs. Regret: duration of the incumbent over the true optimum, minus 1; before the first success the
-  plan of b counts, or if b has no plan, the slowest plan of the table of f*. "Executions to 5 %": from then to the end
-  of the run the regret is at most 5 %. All methods have {budget} executions. An empty cell: the median run does not get there.
-- One execution decides: nothing is random in these worlds, for which the waiter's tray is not pushed as it is in Table
-  3. So the learners have one run each, and the seeds of the other methods are of their own choices.
+  plan of b counts, or if b has no plan, the slowest plan of the table of f*. "Executions to 5 %": from then to the
+  end of the run the regret is at most 5 %. All methods have {budget} executions. An empty cell: the median run does
+  not get there.
+- One execution decides: nothing is random in these worlds, for which the waiter's tray is not pushed as it is in
+  Table 3. So the learners have one run each, and the seeds of the other methods are of their own choices.
 - The methods choose by f* interpolated (log-linearly) between the nodes of a table of plans: {nodes}, in the order of
   the tasks. The plan itself is executed, and the regret is from its own duration.
 - The true optimum is by brute force: columns along the last parameter ({columns}), then {fine} times as dense around

@@ -36,12 +36,12 @@ STOCHASTIC = ("execution.disturbance.force_deviation=[20, 20, 0]", "execution.tr
 
 @dataclass(frozen=True)
 class Bench:
-    """Workplace of an experiment.
+    """The workplace of an experiment.
 
     Attributes:
         work: folder for its runs.
-        workers: number of processes.
-        say: shows a line about the step under way.
+        workers: number of worker processes.
+        say: called with a line of text about the progress.
     """
 
     work: Path
@@ -50,7 +50,7 @@ class Bench:
 
 
 def bench(part: str, out: Path = TABLES, workers: int = 1, say: Callable[[str], None] = lambda _: None) -> Bench:
-    """Return the workplace of an experiment whose tables go to `out`."""
+    """Return the workplace of an experiment that writes its tables to `out`."""
     return Bench(out.parent / "runs" / source_hash() / part, workers, say)
 
 
@@ -65,12 +65,12 @@ def source_hash() -> str:
 
 
 def task(overrides: Sequence[str], path: Path = PAPER_TASK) -> Config:
-    """Return a configuration with other values for keys."""
+    """Return a configuration with overrides."""
     return load_config(path, overrides)
 
 
 def learned(config: Config, name: str, place: Bench) -> Learned:
-    """Begin, continue or read the run of a learner with this name."""
+    """Return the run of a learner with this name: begin it, continue it, or, if it is complete, read it again."""
     folder = place.work / name
     if not (folder / JOURNAL).is_file():
         begin(config, folder, ["learn"], SIMULATION)
@@ -86,7 +86,7 @@ def learned(config: Config, name: str, place: Bench) -> Learned:
 
 
 def recorded(config: Config, name: str, place: Bench) -> LearningRecord:
-    """Return the learning part of the summary of a run; a complete run is read, without any planning."""
+    """Return the part of a run's summary about its learning; a complete run is read, without any planning."""
     folder = place.work / name
     if not (folder / SUMMARY).is_file():
         learned(config, name, place)

@@ -68,7 +68,7 @@ class Problem:
 
 
 def runs(problem: Problem, place: Bench) -> dict[str, LearningRecord]:
-    """The run of every learner."""
+    """Return the run of every learner."""
     return {name: recorded(problem.config(name), f"{problem.name}-{name}", place) for name in LEARNERS}
 
 
@@ -97,7 +97,7 @@ def columns(problems: Sequence[Problem]) -> tuple[Column, ...]:
 
 
 def line(problem: Problem, name: str, found: LearningRecord, quickest: Found) -> dict[str, Any]:
-    """The line of a learner's run."""
+    """Return the line of a learner's run."""
     best = found.best
     if best is None:
         return {"problem": problem.name, "learner": name, "executions": found.executions}
@@ -118,7 +118,7 @@ def line(problem: Problem, name: str, found: LearningRecord, quickest: Found) ->
 
 
 def _executions_to(found: LearningRecord, duration: float) -> int | None:
-    """Executions until a plan of at most this duration succeeded [s]."""
+    """Return the number of executions until a plan of at most this duration [s] succeeded."""
     done = 0
     for row in found.rows:
         done += row.executions

@@ -38,13 +38,14 @@ COLUMNS = (
 ABOVE = """# Table 2 for K = 0.5, 1, 2 and 3, in a quiet and in a stochastic world
 
 Written by `make reproduce-all`. ILROBS(K), delta = 0.05, one block, actual friction 0.5, from mu = 1. Quiet: the
-paper's 2 N on the tray. Stochastic: 20 N, and friction sampled for every trial with a standard deviation of 0.05. "executed": the
-last plan that succeeded N_e(K) times in a row; "returned": (mu_low, U, Delta), which was not executed as such.
+paper's 2 N on the tray. Stochastic: 20 N, and friction sampled for every trial with a standard deviation of 0.05.
+"executed": the last plan that succeeded N_e(K) times in a row; "returned": (mu_low, U, Delta), which was not
+executed as such.
 """
 
 BELOW = """
-- Phi(K) is the rate that the paper expects of K. "reaches it": the exact 95 % interval of {trials} fresh trials reaches
-  up to Phi(K) (one-sided); "misses it": all of it is below; "overshoots it": all of it is above.
+- Phi(K) is the rate that the paper expects of K. "reaches it": the exact 95 % interval of {trials} fresh trials
+  reaches up to Phi(K) (one-sided); "misses it": all of it is below; "overshoots it": all of it is above.
 - In the quiet world plans succeed always or never, so a plan that was executed with success overshoots. The
   returned plan may still fail every time: U and Delta are from the last executions, which failed early, and give a
   narrower interval than the one that the successful plan at mu_low survived. Report and use the executed plan.

@@ -37,9 +37,9 @@ COLUMNS = (
 
 ABOVE = """# Calibrated learner: the fastest plan that meets a success rate p at 95 % confidence
 
-Written by `make reproduce-all`. One block, stochastic world: actual friction 0.5 with a standard deviation of 0.05 from
-trial to trial, and a random force of 20 N standard deviation on the tray. `ilrobs-calibrated` tests the plan that ILROBS(K = 1)
-returned before its own search.
+Written by `make reproduce-all`. One block, stochastic world: actual friction 0.5 with a standard deviation of 0.05
+from trial to trial, and a random force of 20 N standard deviation on the tray. `ilrobs-calibrated` tests the plan
+that ILROBS(K = 1) returned before its own search.
 """
 
 BELOW = """

@@ -36,8 +36,8 @@ WAITER = Problem(
 ABOVE = """# Table 3: two parameters of the waiter task
 
 Written by `make reproduce-tables`. Two blocks; learned are the coefficient of friction of both interfaces and the
-height of the upper block's centre of mass over its middle [m], from success or failure alone. Their actual values are {friction:g}
-and {height:g}.
+height of the upper block's centre of mass over its middle [m], from success or failure alone. Their actual values
+are {friction:g} and {height:g}.
 """
 
 BELOW = """
@@ -45,8 +45,8 @@ BELOW = """
   text we do not have; these three are ours, see [learning](../../docs/learning.md).
 - The tray is pushed by 2 N as in Table 2, so outcomes near the boundary are random: a plan counts as a success if 4
   executions in a row succeed, and `bnb-informed` requires a success rate of 3/4.
-- "lower bound": least duration of the region that no failure rules out; "gap": of the best plan to it. "fastest on the grid":
-  of {side} x {side} plans over the box, each executed 4 times from the fastest on until one succeeds.
+- "lower bound": least duration of the region that no failure rules out; "gap": of the best plan to it. "fastest on
+  the grid": of {side} x {side} plans over the box, each executed 4 times from the fastest on until one succeeds.
 - Learned values are proxies: unmodelled effects, such as the controller's tracking error, are made up for by less
   friction or a higher centre of mass than the actual ones.
 """

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from robustopt.certificate import Certificate as Certificate
     from robustopt.certificate import Margin as Margin
     from robustopt.certificate import Worst as Worst
-    from robustopt.certificate import certify as certify
+    from robustopt.certificate.certify import certify as certify
     from robustopt.config import Config as Config
     from robustopt.config.load import load_config as load_config
     from robustopt.config.load import with_values as with_values
@@ -50,12 +50,12 @@ if TYPE_CHECKING:
     from robustopt.simulation.execute import execute as execute
     from robustopt.solvers import Plan as Plan
     from robustopt.solvers import Status as Status
-    from robustopt.solvers import solve as solve
     from robustopt.solvers.batch import BatchPlanner as BatchPlanner
     from robustopt.solvers.batch import solve_batch as solve_batch
     from robustopt.solvers.diagnosis import Diagnosis as Diagnosis
     from robustopt.solvers.diagnosis import Remedy as Remedy
     from robustopt.solvers.diagnosis import diagnose as diagnose
+    from robustopt.solvers.solve import solve as solve
     from robustopt.solvers.trajectory import Samples as Samples
     from robustopt.solvers.trajectory import Trajectory as Trajectory
 
@@ -64,7 +64,8 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _NAMES = {
-    "robustopt.certificate": ("Certificate", "Margin", "Worst", "certify"),
+    "robustopt.certificate": ("Certificate", "Margin", "Worst"),
+    "robustopt.certificate.certify": ("certify",),
     "robustopt.config": ("Config",),
     "robustopt.config.load": ("load_config", "with_values"),
     "robustopt.errors": (
@@ -76,11 +77,13 @@ _NAMES = {
     "robustopt.runs.executors": ("Executor",),
     "robustopt.runs.journal": ("Execution", "Journal"),
     "robustopt.simulation": (
-        "Executions", "Feedback", "ObjectOutcome", "Status as TrialStatus", "TrialOutcome", "Workers", "execute",
+        "Executions", "Feedback", "ObjectOutcome", "Status as TrialStatus", "TrialOutcome", "Workers",
     ),
-    "robustopt.solvers": ("Plan", "Status", "solve"),
+    "robustopt.simulation.execute": ("execute",),
+    "robustopt.solvers": ("Plan", "Status"),
     "robustopt.solvers.batch": ("BatchPlanner", "solve_batch"),
     "robustopt.solvers.diagnosis": ("Diagnosis", "Remedy", "diagnose"),
+    "robustopt.solvers.solve": ("solve",),
     "robustopt.solvers.trajectory": ("Samples", "Trajectory"),
 }  # fmt: skip
 """The names above by their modules."""

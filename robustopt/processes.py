@@ -1,9 +1,10 @@
-"""Worker processes of this machine: results in the order of the tasks; the tasks of workers that died are repeated.
+"""Worker processes on this machine: results come in the order of the tasks; tasks of killed workers are repeated.
 
-A worker is a Python process that runs `robustopt.worker`, with two pipes of its own and a thread of this process that
-hands it one task after the other. A pipe ends with the process at its other end. So this process notices at once that a
-worker was killed, even in the middle of a result, and a worker leaves at once when this process ends, however it ends.
-Scripts need no `if __name__ == "__main__"`: a worker does not run the main script again.
+A worker is a Python process that runs `robustopt.worker`. It has two pipes of its own, and a thread of this process
+sends it one task after the other. A pipe closes with the process at its other end. So this process notices at once
+that a worker was killed, even in the middle of a result, and a worker ends at once with this process, even if that is
+killed.
+Scripts need no `if __name__ == "__main__"`, because a worker does not run the main script again.
 """
 
 from __future__ import annotations
@@ -31,32 +32,32 @@ T = TypeVar("T")
 Task = TypeVar("Task")
 
 RETRIES = 3
-"""How often the tasks of workers that died are given to new ones."""
+"""How often the tasks of workers that died are given to new workers."""
 
 AHEAD = 2
-"""Tasks given away at once, per process: one is at work, the next is there when it ends."""
+"""Tasks per process that are given away in advance: one is being done, the next is ready when it ends."""
 
 IDLE = 300.0
-"""Workers that no call has used for so long are ended [s]."""
+"""Time after which unused workers are ended [s]."""
 
 HEARD = 0.1
-"""How often a wait for a result looks for an interruption [s]; Windows does not interrupt a wait without a limit."""
+"""Longest uninterrupted wait for a result [s]; on Windows, Ctrl-C interrupts no wait without a time limit."""
 
 ALGEBRA = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
-"""Threads of libraries of linear algebra: one in each worker, unless the environment says otherwise."""
+"""Numbers of threads of linear algebra libraries: 1 in each worker, unless the environment sets them."""
 
 START = "import sys; sys.path[:] = sys.argv[1:]; from robustopt.worker import work; work()"
-"""Program of a worker; its arguments are the folders that modules are imported from."""
+"""Program of a worker; its arguments are the entries of `sys.path`."""
 
 THREAD = "robustopt worker"
-"""Name of the threads that hand tasks to workers."""
+"""Name of the threads that send tasks to workers."""
 
 _pools: list[_Pool] = []
-"""All workers of this process, and after a fork those of its parent, which are not to be touched."""
+"""All workers of this process; after a fork, also the workers of its parent, which belong to the parent alone."""
 _waiting: list[_Pool] = []
-"""Those that no call has; lists, whose steps are whole, need no lock, which a fork could copy while it is held."""
+"""Unused workers. Operations on lists are atomic, so no lock is needed, which a fork could copy while it is held."""
 _starting = threading.Lock()
-"""Held while workers are started: no other thread may fork then, since the child would keep their pipes open."""
+"""Held while workers are started: a fork by another thread would give their pipes to a child that keeps them open."""
 
 
 class _WorkerDied(Exception):
@@ -64,16 +65,16 @@ class _WorkerDied(Exception):
 
 
 class _Worker:
-    """A worker process, the pipes to and from it, and the thread that hands it tasks."""
+    """A worker process, the pipes to and from it, and the thread that sends it tasks."""
 
     def __init__(self, tasks: SimpleQueue[tuple[bytes, Future[bytes]] | None]) -> None:
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-c", START, *map(str, sys.path)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            bufsize=0,  # a fork must not copy what is not written yet
+            bufsize=0,  # a forked child must not inherit unwritten bytes
             env={**dict.fromkeys(ALGEBRA, "1"), **os.environ},
-            creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),  # where Windows sends no Ctrl-C
+            creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),  # on Windows, it receives no Ctrl-C
         )
         self._thread = threading.Thread(target=self._serve, args=(tasks,), name=THREAD, daemon=True)
         self._thread.start()
@@ -94,6 +95,9 @@ class _Worker:
             except (OSError, EOFError):
                 future.set_exception(_WorkerDied())
                 return
+            except Exception as error:  # such as a result that does not fit into the memory
+                future.set_exception(error)
+                return
 
     def kill(self) -> None:
         """Kill the process."""
@@ -113,7 +117,7 @@ class _Worker:
 
 
 class _Pool:
-    """Worker processes, which belong to one call at a time, and to the process that started them."""
+    """Worker processes that serve one call at a time; they belong to the process that started them."""
 
     def __init__(self, size: int) -> None:
         self.size, self.owner = size, os.getpid()
@@ -130,7 +134,7 @@ class _Pool:
             raise
 
     def serves(self, processes: int) -> bool:
-        """Return whether this process can use these workers where it asks for so many."""
+        """Return whether this process can use these workers for a call with so many processes."""
         return self.size == processes and self.owner == os.getpid() and all(w.alive for w in self.workers)
 
     def submit(self, message: bytes) -> Future[bytes]:
@@ -140,32 +144,32 @@ class _Pool:
         return future
 
     def rest(self) -> None:
-        """Let the workers wait for the next call, for a while."""
+        """Keep the workers for the next call, but end them after the time `IDLE`."""
         self._idle = threading.Timer(IDLE, self._end_if_waiting)
         self._idle.daemon = True
         self._idle.start()
         _waiting.append(self)
 
     def stop_resting(self) -> None:
-        """Keep the workers however long they are used."""
+        """Keep the workers for as long as they are used."""
         if self._idle is not None:
             self._idle.cancel()
 
     def _end_if_waiting(self) -> None:
         try:
             _waiting.remove(self)
-        except ValueError:  # a call has just taken it
+        except ValueError:  # a call has just taken these workers
             return
         self.end()
 
     def end(self) -> None:
-        """End the workers, whatever they are doing."""
+        """End the workers, even in the middle of a task."""
         with held():
             if self.owner != os.getpid():
                 return
             try:
                 _pools.remove(self)
-            except ValueError:  # ended already, maybe by another thread
+            except ValueError:  # ended already, perhaps by another thread
                 return
             self.stop_resting()
             for one in self.workers:
@@ -176,7 +180,14 @@ class _Pool:
 
 
 def begun(processes: int) -> bool:
-    """Return whether this process has so many worker processes that wait for tasks, and need no time to start."""
+    """Return whether so many worker processes are waiting for tasks, so that a call need not start them.
+
+    Args:
+        processes: number of worker processes.
+
+    Returns:
+        Whether `in_processes` with this number starts at once.
+    """
     return any(pool.serves(processes) for pool in list(_waiting))
 
 
@@ -197,10 +208,13 @@ def in_processes(
         call: the function; it and its arguments are pickled.
         tasks: the arguments of each task.
         processes: number of worker processes.
-        failed: the error to raise if workers die again and again.
+        failed: class of the error if workers die repeatedly.
+
+    Yields:
+        The results.
 
     Raises:
-        RobustOptError: workers died more than `RETRIES` times; it is a `failed`.
+        RobustOptError: workers died more than `RETRIES` times; its class is `failed`.
     """
     done = 0
     for attempt in range(RETRIES + 1):
@@ -228,7 +242,7 @@ def in_processes(
 
 
 def _take(processes: int) -> _Pool:
-    """Take workers that wait for tasks, or start new ones; end those that wait and do not serve."""
+    """Take unused workers, or start new ones; end unused workers that do not serve this call."""
     while True:
         try:
             pool = _waiting.pop()
@@ -249,9 +263,12 @@ def in_order(give: Callable[[Task], Callable[[], T]], tasks: Iterable[Task], ahe
     """Yield the results of tasks in their order.
 
     Args:
-        give: begins a task; the function that it returns waits for the result.
+        give: begins a task and returns a function that waits for its result.
         tasks: the tasks.
-        ahead: number of tasks that are given away at once.
+        ahead: number of tasks that are given away in advance.
+
+    Yields:
+        The results.
     """
     given: deque[Callable[[], T]] = deque()
     for task in tasks:
@@ -263,8 +280,8 @@ def in_order(give: Callable[[Task], Callable[[], T]], tasks: Iterable[Task], ahe
 
 
 def _give(pool: _Pool, call: Callable[..., T], task: tuple[Any, ...]) -> Callable[[], T]:
-    """Give a task to workers; the function that is returned waits for the result."""
-    from cloudpickle import dumps  # it also pickles what a script or a notebook defines itself
+    """Give a task to workers; return a function that waits for its result."""
+    from cloudpickle import dumps  # it also pickles functions and classes of a script or a notebook
 
     return partial(_result, pool.submit(dumps((call, task))))
 
@@ -280,7 +297,7 @@ def _result(future: Future[bytes]) -> Any:
 
 @contextmanager
 def _deaf_children() -> Generator[None, None, None]:
-    """Keep Ctrl-C and the end of a terminal, which go to all its processes, from processes started in this block."""
+    """Shield processes started in this block from Ctrl-C and the end of a terminal, which reach all its processes."""
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return
@@ -292,7 +309,7 @@ def _deaf_children() -> Generator[None, None, None]:
 
 
 def end_processes() -> None:
-    """End the workers of this process, if it has any, whatever they are doing."""
+    """End all workers of this process, even in the middle of a task."""
     with held():
         _waiting.clear()
         for pool in list(_pools):
@@ -300,7 +317,7 @@ def end_processes() -> None:
 
 
 def _forget_parents_workers() -> None:
-    """Close the pipes that a fork has copied, so that the workers still see the end of the process they belong to."""
+    """Close the pipes that a fork has copied, so that the workers still notice the end of their parent."""
     _starting.release()
     for pool in _pools:
         for one in pool.workers:

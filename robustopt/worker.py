@@ -1,6 +1,6 @@
-"""The inside of a worker process of `processes`: tasks arrive on its standard input, results leave on its output.
+"""The program of a worker process: it reads tasks from its standard input and writes results to its standard output.
 
-A message is its length and so many bytes. Both pipes end with the process at their other end.
+A message is its length and so many bytes. A pipe closes with the process at its other end.
 """
 
 from __future__ import annotations
@@ -14,14 +14,18 @@ import traceback
 from queue import SimpleQueue
 
 LENGTH = struct.Struct("!Q")
-"""How the length of a message is written."""
+"""Format of the length of a message."""
 
 PIECE = 1 << 20
-"""Bytes read from a pipe at once, at most."""
+"""Largest number of bytes that are read from a pipe at once."""
 
 
 def send(pipe: int, message: bytes) -> None:
-    """Write a message to a pipe, given by its file descriptor.
+    """Write a message to a pipe.
+
+    Args:
+        pipe: file descriptor of the pipe.
+        message: the message.
 
     Raises:
         OSError: the process at the other end has ended.
@@ -33,7 +37,13 @@ def send(pipe: int, message: bytes) -> None:
 
 
 def receive(pipe: int) -> bytes:
-    """Read a message from a pipe, given by its file descriptor.
+    """Read a message from a pipe.
+
+    Args:
+        pipe: file descriptor of the pipe.
+
+    Returns:
+        The message.
 
     Raises:
         EOFError: the process at the other end has ended, perhaps in the middle of a message.
@@ -53,7 +63,7 @@ def _read(pipe: int, size: int) -> bytes:
 
 
 def work() -> None:
-    """Carry out tasks, one after the other, until the process that sends them ends."""
+    """Carry out tasks, one after the other, until the parent process ends."""
     source, sink = _take_standard_streams()
     tasks: SimpleQueue[bytes] = SimpleQueue()
     threading.Thread(target=_listen, args=(source, tasks), daemon=True).start()
@@ -66,7 +76,7 @@ def work() -> None:
 
 
 def _take_standard_streams() -> tuple[int, int]:
-    """Keep the pipes from tasks that read or print: they find an empty input, and print to the standard error."""
+    """Keep the pipes for messages alone: tasks read an empty input and print to the standard error."""
     pipes = os.dup(0), os.dup(1)
     null = os.open(os.devnull, os.O_RDWR)
     os.dup2(null, 0)
@@ -75,7 +85,7 @@ def _take_standard_streams() -> tuple[int, int]:
 
 
 def _listen(source: int, tasks: SimpleQueue[bytes]) -> None:
-    """Pass on the tasks as they come; end this process, even in the middle of a task, when no more can come."""
+    """Put the tasks into a queue as they arrive; end this process, even in the middle of a task, with its parent."""
     while True:
         try:
             tasks.put(receive(source))

@@ -67,6 +67,7 @@ LAYERS = [
     ["confidence"],
     ["simulation"],
     ["learning/moments", "learning/parameters", "learning/settings", "learning/sequential", "learning/earned"],
+    ["learning/outcomes"],
     ["learning/learner"],
     ["learning/bisection", "learning/acceleration_interval", "learning/ilrobs", "learning/calibrated"],
     ["learning/monotone", "learning/cost_map", "learning/boundary"],

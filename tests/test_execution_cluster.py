@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 from scenes import FIXTURES, FLAT, scene
 
-from robustopt import cli, commands
+from robustopt import cli
+from robustopt.cli import commands
 from robustopt.config.load import dump
 from robustopt.runs.store import read_summary
 from robustopt.simulation import monte_carlo

@@ -9,10 +9,10 @@ import mujoco
 import numpy as np
 import pytest
 from carriage import ALONG, DOWN, accelerated, carriage, fails, holding, parameters_of
-from scenes import FIXTURES, G, plan_of
+from scenes import CONFIGS, FIXTURES, G, plan_of
 
 from robustopt.config import Config, FailureConfig
-from robustopt.config.load import with_values
+from robustopt.config.load import load_config, with_values
 from robustopt.errors import ConfigError
 from robustopt.simulation import Status, execute, trace
 from robustopt.simulation.controller import POSITION_VELOCITY, Gains
@@ -34,6 +34,24 @@ def cup(**keys: Any) -> dict[str, Any]:
 
 def grip(**keys: Any) -> dict[str, Any]:
     return {"grip": {"pad": [0.02, 0.02], "force": FINGERS, **keys}}
+
+
+def hanging(held_by: dict[str, Any], robot: str, joints: list[list[float]], part: dict[str, Any],
+            contact: dict[str, Any], execution: dict[str, Any] | None = None, **objects: Any) -> Config:  # fmt: skip
+    """A task of a robot of the fixtures whose tool points down and holds a part of 1 kg."""
+    kind, hold = next(iter(held_by.items()))
+    down = {kind: {"pose": {"rpy": [np.pi, 0.0, 0.0]}, **hold}}
+    data: dict[str, Any] = {
+        "name": "test",
+        "robot": {"model": f"{robot}.xml", "tool": "tool", "collision": {"check": False}},
+        "objects": {"part": {"shape": "box", "mass": 1.0, "held_by": down, **part}, **objects},
+        "contact": contact,
+        "path": {"joints": joints},
+        "solver": {"method": "reachability", "collocation_points": 100},
+        "execution": execution,
+        "folder": FIXTURES,
+    }
+    return with_values(Config.model_validate(data), {})
 
 
 def slanted(angle: float) -> np.ndarray:
@@ -99,6 +117,34 @@ def test_a_held_part_creeps_less_than_a_hundredth_of_a_millimetre_per_second(cas
     assert motion.slip[-1] - motion.slip[-2000] < 2e-5
 
 
+# Thresholds with twist ------------------------------------------------------------------------------------
+
+TWISTED = [
+    *((cup(), {"size": [0.2, 0.2, 0.04], "center_of_mass": [off, 0.0, 0.0]}, mu, d)
+      for off in (0.005, 0.01, 0.02) for mu in (0.3, 0.8) for d in (Y, slanted(np.pi / 4))),
+    *((grip(), BLOCK | {"center_of_mass": [0.0, off, 0.0]}, mu, d)
+      for off in (0.005, 0.01, 0.02) for mu in (0.5, 0.8) for d in (Z, Y)),
+]  # fmt: skip
+"""Parts whose centre of mass is beside the axis of the cup or the pads, and accelerations that twist them."""
+
+
+def planned_acceleration(held_by: dict[str, Any], part: dict[str, Any], mu: float, direction: np.ndarray) -> float:
+    """Largest acceleration from rest along a direction that a plan makes with 64 edges per friction cone [m/s^2]."""
+    robot, joint = ("lift", [0.5]) if direction[2] else ("two_slides", (0.5 * direction[:2]).tolist())
+    config = hanging(held_by, robot, [[0.0] * len(joint), joint], part, {"friction": mu, "cone_edges": 64})
+    plan = plan_of(with_values(config, {"robot.limits": {"all": {"acceleration": 1000.0, "velocity": 1000.0}}}))
+    rising = plan.u[: max(int(np.argmax(plan.x)) - 1, 1)]
+    return float((np.linalg.norm(plan.problem.path(plan.s[: len(rising)], 1), axis=1) * rising).min())
+
+
+@pytest.mark.parametrize(("held_by", "part", "mu", "direction"), TWISTED)
+def test_a_twisted_part_yields_no_earlier_than_planned_and_at_most_a_quarter_later(held_by, part, mu, direction):
+    plan = planned_acceleration(held_by, part, mu, direction)
+    below, above = accelerated(holding(held_by, friction=mu, **part), direction, plan * np.array([0.995, 1.25]))
+    assert not fails(below)
+    assert fails(above)
+
+
 @pytest.mark.parametrize("held_by", [cup(), grip()], ids=["cup", "grip"])
 @pytest.mark.parametrize("tool", [DOWN, ALONG], ids=["down", "aside"])
 def test_a_part_is_held_from_the_first_step(held_by, tool):
@@ -145,20 +191,9 @@ def test_settings_are_those_of_the_robot_but_friction_is_stiffer_where_it_holds(
 def gantry(held_by: dict[str, Any], *joints: list[float], mu: float = 0.3, truth: dict[str, Any] | None = None,
            **objects: Any) -> Config:  # fmt: skip
     """A task of a gantry that moves a part along straight lines of its joints x, y, z and yaw."""
-    kind, hold = next(iter(held_by.items()))
-    down = {kind: {"pose": {"rpy": [np.pi, 0.0, 0.0]}, **hold}}
-    part = {"shape": "box", "size": [0.1, 0.1, 0.05], "mass": 1.0, "held_by": down}
-    data: dict[str, Any] = {
-        "name": "test",
-        "robot": {"model": "gantry.xml", "tool": "tool", "collision": {"check": False}},
-        "objects": {"part": part, **objects},
-        "contact": {"friction": mu},
-        "path": {"joints": [[0.0, 0.0, 0.0, 0.0], *joints]},
-        "solver": {"method": "reachability", "collocation_points": 100},
-        "execution": {"truth": truth or {}, "controller": {"feedforward": "computed_torque"}},
-        "folder": FIXTURES,
-    }
-    return with_values(Config.model_validate(data), {})
+    execution = {"truth": truth or {}, "controller": {"feedforward": "computed_torque"}}
+    path = [[0.0, 0.0, 0.0, 0.0], *joints]
+    return hanging(held_by, "gantry", path, {"size": [0.1, 0.1, 0.05]}, {"friction": mu}, execution, **objects)
 
 
 ALONG_X, UP, BACK = [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.5, 0.0], [-0.5, 0.0, 0.0, 0.0]
@@ -231,3 +266,17 @@ def test_an_object_stands_on_a_held_part():
 def test_forces_are_those_of_held_objects():
     with pytest.raises(ConfigError, match="nothing is called other"):
         gantry(cup(), ALONG_X, truth={"force": {"other": 3.0}})
+
+
+def test_two_hands_hold_a_tray_with_a_block_while_the_robot_walks():
+    config = load_config(CONFIGS / "humanoid_tray.yaml", ["solver.collocation_points=120"])
+    plan = plan_of(config)
+    (outcome,) = execute(plan, trials=1).outcomes
+    assert outcome.success
+    assert list(outcome.objects) == ["block", "left_hand", "right_hand", "left_foot", "right_foot", "pelvis"]
+    assert max(outcome.objects[hand].slip for hand in ("left_hand", "right_hand")) < 5e-4
+    assert outcome.force == {"tray": 27.5}
+    weak = with_values(config, {"execution.truth.force": {"tray": 0.2}, "execution.truth.friction": {"tray": 0.02}})
+    (outcome,) = execute(plan, weak, trials=1).outcomes
+    assert outcome.status in (Status.LOST_GRIP, Status.SLID_IN_GRIP)
+    assert outcome.what in ("left_hand", "right_hand")

@@ -24,7 +24,7 @@ from robustopt.simulation import Status, execute
 from robustopt.simulation.execute import prepare
 from robustopt.simulation.trace import trace
 from robustopt.solvers import Plan, solve
-from robustopt.solvers.batch import BatchPlanner, with_beliefs
+from robustopt.solvers.batch import BatchPlanner, with_setting
 from robustopt.solvers.contact_forces import planned_forces
 
 CONFIGS = Path(__file__).parent.parent / "configs"
@@ -227,7 +227,7 @@ def test_a_batch_may_differ_in_the_friction_of_the_hand(problem: TimeScalingProb
     settings: list[dict[str, Any]] = [{"contact.friction.left_hand": 0.3}, {"uncertainty.contact_points": 0.02}]
     found = BatchPlanner(problem.config, workers=2).durations(settings)
     for setting, time in zip(settings, found, strict=True):
-        assert solve(build_problem(with_beliefs(problem.config, setting)), "reachability").duration == time
+        assert solve(build_problem(with_setting(problem.config, setting)), "reachability").duration == time
 
 
 def test_planned_forces_are_possible_and_make_the_motion(plan: Plan) -> None:

@@ -40,7 +40,7 @@ def run(file: Path) -> float:
         remedies: tuple[ro.Remedy, ...] = ro.diagnose(plan).remedies
         raise ro.Infeasible(remedies[0].key)
     certificate: ro.Certificate = ro.certify(plan)
-    executions: ro.Executions = ro.execute(config, plan, trials=10)
+    executions: ro.Executions = ro.execute(plan, trials=10)
     statuses: list[ro.TrialStatus] = [outcome.status for outcome in executions.outcomes]
     learned: ro.Learned = ro.learn(config)
     frames = [plan.to_frame(), executions.to_frame(), learned.to_frame()]
@@ -51,7 +51,7 @@ def run(file: Path) -> float:
     ro.solve(config)  # wrong
     ro.slove(problem)  # wrong
     ro.load_config(3)  # wrong
-    ro.execute(config, plan, trials="many")  # wrong
+    ro.execute(plan, trials="many")  # wrong
     ro.certify(plan, sed=3)  # wrong
     ro.learn(config, worker=2)  # wrong
     plan.export()  # wrong
@@ -165,7 +165,7 @@ def test_an_infeasible_plan_has_no_table_and_says_so(config, tmp_path):
 
 
 def test_results_draw_figures_and_pages(config, plan, monkeypatch):
-    executions = ro.execute(config, plan, trials=3)
+    executions = ro.execute(plan, trials=3)
     remember_plans(monkeypatch)
     learned = ro.learn(task("bisection", trials=5), Threshold())
     for result, rows, text in (

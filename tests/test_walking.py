@@ -29,7 +29,7 @@ from robustopt.robot.model_file import MODELS
 from robustopt.runs.beliefs import Planner
 from robustopt.runs.beliefs import believing as believing_config
 from robustopt.solvers import Plan, Status, solve
-from robustopt.solvers.batch import BatchPlanner, with_beliefs
+from robustopt.solvers.batch import BatchPlanner, with_setting
 from robustopt.solvers.contact_forces import planned_forces
 from robustopt.solvers.plan import interval_ends
 from robustopt.solvers.sharing import SharingSearch
@@ -267,7 +267,7 @@ def test_plans_of_a_batch_are_those_of_their_settings(problem: TimeScalingProble
     ]
     found = BatchPlanner(problem.config, workers=2).durations(settings)
     for setting, time in zip(settings, found, strict=True):
-        assert solve(build_problem(with_beliefs(problem.config, setting)), "reachability").duration == time
+        assert solve(build_problem(with_setting(problem.config, setting)), "reachability").duration == time
 
 
 # Torques --------------------------------------------------------------------------------------------------

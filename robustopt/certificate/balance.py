@@ -173,13 +173,22 @@ def certainly_held(system: System, contacts: Contacts, rows: Array) -> Flags:
 def _known(
     contacts: Contacts, holds: Sequence[Hold], rest: Array, move: Array, enough: Array | float, gap: float
 ) -> Gauge:
-    """Return the gauge of a block that one hold with prescribed pressure has."""
-    hold, free = holds[0], gauge(contacts, rest, move, enough, gap)
+    """Return the gauge of a block that one hold with prescribed pressure has.
+
+    Where simple forces show that the free gauge is good enough, that of the twist stands for both.
+    """
+    hold, doubtful = holds[0], np.flatnonzero(~simply_held(contacts, enough * rest + move))
     at_rest, moved = hold.effort(contacts, rest), hold.effort(contacts, move)
     value, rates = twist_gauge(hold, at_rest, moved, enough)
-    cut = hold.rows(contacts, hold.cut(rates, hold.strength(at_rest + moved)))
-    y = np.where(value > free.value, cut, free.y)
-    return replace(free, value=np.maximum(value, free.value), lower=np.maximum(value, free.lower), y=y)
+    y = hold.rows(contacts, hold.cut(rates, hold.strength(at_rest + moved)))
+    lower, force = value.copy(), np.zeros((3, contacts.mu.shape[0], len(value)))
+    if len(doubtful):
+        least = np.broadcast_to(np.asarray(enough), value.shape)[doubtful]
+        free = gauge(contacts[doubtful], rest[:, doubtful], move[:, doubtful], least, gap)
+        y[:, doubtful] = np.where(value[doubtful] > free.value, y[:, doubtful], free.y)
+        value[doubtful] = np.maximum(value[doubtful], free.value)
+        lower[doubtful] = np.maximum(lower[doubtful], free.lower)
+    return Gauge(value, lower, y, force)
 
 
 def _shared(

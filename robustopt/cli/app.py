@@ -58,7 +58,7 @@ class Method(StrEnum):
 class Backend(StrEnum):
     """Schedulers of trials."""
 
-    loky = "loky"
+    processes = "processes"
     dask = "dask"
 
 
@@ -124,7 +124,10 @@ def plan(
     json: Json = False,
     quiet: Quiet = False,
 ) -> int:
-    """Plan the fastest timing of a path that is feasible for every value in the intervals, and write a run folder."""
+    """Plan the fastest robust timing of a path.
+
+    The plan is feasible for every value in the intervals. It is written into a run folder.
+    """
     changes = _changes(overrides, method, seed)
     with _task_of(config, changes) as task:
         if dry_run:
@@ -148,7 +151,7 @@ def execute(
     workers: Workers = 1,
     backend: Annotated[
         Backend, typer.Option(help="run the trials in processes of this machine, or on a Dask cluster")
-    ] = Backend.loky,
+    ] = Backend.processes,
     scheduler: Annotated[
         str | None, typer.Option(help="connect to this Dask scheduler, tcp://HOST:PORT", show_default=False)
     ] = None,
@@ -157,7 +160,10 @@ def execute(
     json: Json = False,
     quiet: Quiet = False,
 ) -> int:
-    """Execute a plan in simulation, many times, in a world that differs from the planner's."""
+    """Execute a plan many times in simulation.
+
+    The simulated world may differ from the planner's, and from trial to trial.
+    """
     changes = _changes(overrides, None, seed)
     if trials is not None:
         changes.append(f"execution.trials={trials}")
@@ -201,7 +207,10 @@ def learn(
     json: Json = False,
     quiet: Quiet = False,
 ) -> int:
-    """Learn parameters from executions until the plan is safe and near-optimal; can be interrupted and continued."""
+    """Learn parameters from executions.
+
+    The learner ends with a plan that is safe and near-optimal. It can be interrupted and continued.
+    """
     path, changes = _task(arguments or [])
     changes += _changes(None, None, seed)
     changes += [] if algorithm is None else [f"learning.algorithm={algorithm}"]
@@ -236,7 +245,10 @@ def runs(
 
 @app.command()
 def validate(config: ConfigFile, overrides: Overrides = None, json: Json = False, quiet: Quiet = False) -> int:
-    """Check a configuration, its robot and its path, and print every mistake with its place and its remedy."""
+    """Check a configuration, its robot and its path.
+
+    Every mistake is printed with its place and its remedy.
+    """
     with _task_of(config, overrides or []) as task:
         check_task(task, json or quiet)
     if json:
@@ -376,7 +388,7 @@ class _Ending:
         if self.code is None:
             return
         for stream in (sys.stdout, sys.stderr):
-            if stream is not None:  # as it is where it was closed before
+            if stream is not None:  # None if it was closed before
                 with suppress(OSError):
                     stream.flush()
         os._exit(self.code)

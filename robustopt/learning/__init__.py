@@ -7,21 +7,9 @@ hold the statistics, `from_config` makes the learner that a configuration names.
 """
 
 from robustopt.learning.from_config import BRANCH_AND_BOUND, LEARNERS, learner_of
-from robustopt.learning.learner import (
-    Belief,
-    End,
-    Executed,
-    Learner,
-    Outcome,
-    Planned,
-    Request,
-    Result,
-    Row,
-    State,
-    Trial,
-    tell_all,
-)
+from robustopt.learning.learner import Learner, Row, State, Trial, tell_all
 from robustopt.learning.moments import ErrorInterval, Moments
+from robustopt.learning.outcomes import Belief, End, Executed, Outcome, Planned, Request, Result
 from robustopt.learning.parameters import Cost, Parameter
 
 __all__ = [

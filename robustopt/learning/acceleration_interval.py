@@ -6,8 +6,9 @@ from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 from robustopt.errors import ConfigError
-from robustopt.learning.learner import Belief, End, Learner, Result, Row, State, Trial
+from robustopt.learning.learner import Learner, Row, State, Trial
 from robustopt.learning.moments import ErrorInterval, endpoint_change, interval_of, shrunk
+from robustopt.learning.outcomes import Belief, End, Result
 from robustopt.learning.settings import require_positive
 
 

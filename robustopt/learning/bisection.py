@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from robustopt.learning.learner import Belief, End, Learner, Result, Row, State, Trial
+from robustopt.learning.learner import Learner, Row, State, Trial
+from robustopt.learning.outcomes import Belief, End, Result
 from robustopt.learning.settings import require_friction, require_positive
 
 

@@ -18,8 +18,9 @@ import numpy as np
 from robustopt.arrays import Array, Flags
 from robustopt.errors import ConfigError
 from robustopt.learning.cost_map import CostMap
-from robustopt.learning.learner import Belief, End, Learner, Result, Row, State, Trial
+from robustopt.learning.learner import Learner, Row, State, Trial
 from robustopt.learning.monotone import Knowledge
+from robustopt.learning.outcomes import Belief, End, Result
 from robustopt.learning.parameters import Cost, Parameter, Point
 from robustopt.learning.settings import require_positive
 

@@ -8,8 +8,9 @@ from math import ceil, log, log1p, log2, sqrt
 from typing import ClassVar
 
 from robustopt.errors import ConfigError
-from robustopt.learning.learner import Belief, End, Learner, Result, Row, State, Trial
+from robustopt.learning.learner import Learner, Row, State, Trial
 from robustopt.learning.moments import ErrorInterval, Moments, interval_of
+from robustopt.learning.outcomes import Belief, End, Result
 from robustopt.learning.sequential import SequentialTest, Verdict, shortest_acceptance
 from robustopt.learning.settings import require_friction, require_level, require_positive
 

@@ -13,8 +13,9 @@ from robustopt.learning.branch_and_bound import BranchAndBound, Diagonal, Midpoi
 from robustopt.learning.calibrated import Calibrated
 from robustopt.learning.ilrobs import Ilrobs
 from robustopt.learning.informed import Informed
-from robustopt.learning.learner import Belief, Learner
+from robustopt.learning.learner import Learner
 from robustopt.learning.moments import ErrorInterval
+from robustopt.learning.outcomes import Belief
 from robustopt.learning.parameters import Cost, Parameter
 
 LEARNERS: tuple[type[Learner[Any]], ...] = (

@@ -7,8 +7,9 @@ from functools import cached_property
 from typing import ClassVar
 
 from robustopt.confidence import Reading, paper_executions
-from robustopt.learning.learner import Belief, End, Learner, Result, Row, State, Trial
+from robustopt.learning.learner import Learner, Row, State, Trial
 from robustopt.learning.moments import ErrorInterval, interval_of, shrunk
+from robustopt.learning.outcomes import Belief, End, Result
 from robustopt.learning.settings import require_friction, require_positive
 
 

@@ -12,8 +12,9 @@ from scipy.special import betaincc
 from robustopt.arrays import Array, Flags
 from robustopt.learning.boundary import Cloud, cloud
 from robustopt.learning.branch_and_bound import BranchAndBound, BranchState
-from robustopt.learning.learner import Result, Trial
+from robustopt.learning.learner import Trial
 from robustopt.learning.monotone import Knowledge
+from robustopt.learning.outcomes import Result
 from robustopt.learning.parameters import Point
 
 CANDIDATES = 2000

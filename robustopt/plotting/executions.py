@@ -68,7 +68,8 @@ def _draw_trial(axes: Sequence[Axes], trace: Trace, joints: Sequence[int]) -> No
     for axis, (kind, (factor, _)) in zip(axes, MOVEMENTS.items(), strict=False):
         for colour, (name, motion) in zip(LIMIT_COLOURS, trace.objects.items(), strict=False):
             axis.plot(trace.t, factor * getattr(motion, kind), color=colour, label=_words(name))
-        axis.axhline(factor * trace.thresholds[kind], color=INK, linewidth=0.8)
+            if kind in trace.thresholds[name]:
+                axis.axhline(factor * trace.thresholds[name][kind], color=INK, linewidth=0.8)
     for colour, joint in zip(LIMIT_COLOURS, joints, strict=False):
         name, error = _words(trace.joint_names[joint]), 1e3 * trace.tracking_error[:, joint]
         axes[2].plot(trace.t, error, color=colour, linewidth=1.0, label=name)
@@ -196,10 +197,11 @@ def _shown_joints(traces: Sequence[Trace]) -> list[int]:
 
 def _top(traces: Sequence[Trace], kind: str) -> float:
     """Return the end of an axis: a little beyond the threshold, unless every value is far below it."""
-    limit = max(trace.thresholds[kind] for trace in traces)
+    limits = [own[kind] for trace in traces for own in trace.thresholds.values() if kind in own]
+    limit = max(limits, default=0.0)
     parts = [getattr(motion, kind)[_before_failure(trace)] for trace in traces for motion in trace.objects.values()]
     largest = max(float(np.nanmax(part)) for part in parts if np.isfinite(part).any())
-    return SHOWN * limit if largest > limit / FAR else SHOWN * max(largest, 1e-9)
+    return SHOWN * limit if largest > limit / FAR and limit > 0.0 else SHOWN * max(largest, 1e-9)
 
 
 def _heading(trace: Trace) -> str:

@@ -17,7 +17,7 @@ from robustopt.limits import rows_along, track_of
 from robustopt.limits.track import Track
 from robustopt.runs.plan_run import PlanResult
 from robustopt.solvers import Status, solve
-from robustopt.solvers.batch import with_beliefs
+from robustopt.solvers.batch import with_setting
 
 
 def believing(config: Config, belief: Belief) -> Config:
@@ -37,7 +37,7 @@ def believing(config: Config, belief: Belief) -> Config:
     config = with_values(config, values) if values else config
     if not belief.parameters:
         return config
-    return with_beliefs(learned_from(config, [key for key, _ in belief.parameters]), dict(belief.parameters))
+    return with_setting(learned_from(config, [key for key, _ in belief.parameters]), dict(belief.parameters))
 
 
 def learned_from(config: Config, keys: Sequence[str]) -> Config:
@@ -69,7 +69,7 @@ def _acceleration(config: Config, error: ErrorInterval) -> Mapping[str, Any]:
     mean, deviation = ([error.share * value for value in values] for values in (error.mean, error.deviation))
     values: dict[str, Any] = {}
     single = len(mean) == 1
-    if config.walks and not single:
+    if config.path.steps is not None and not single:
         base = zip(mean[:BASE], deviation[:BASE], strict=True)
         values["uncertainty.base_acceleration"] = [abs(u) + error.K * d for u, d in base]
         mean, deviation = mean[BASE:], deviation[BASE:]

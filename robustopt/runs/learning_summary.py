@@ -153,7 +153,8 @@ def row_record(learned: Learned, row: Row) -> Iteration:
     extra: dict[str, object] = {}
     if row.trial.failures and not row.trial.belief.parameters:
         rate = target_rate(learned.settings)
-        extra["bad_luck"] = probability_of_rate(row.trial.successes, row.trial.failures, rate, learned.settings.prior)
+        successes, failures = row.trial.successes, row.trial.failures
+        extra["bad_luck"] = probability_of_rate(successes, failures, rate, learned.settings.prior)
     if row.lower_bound is not None and row.gap is not None:
         extra["incumbent"] = row.lower_bound * (1 + row.gap)
     judgement = learned.judgement(row)

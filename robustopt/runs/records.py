@@ -168,7 +168,7 @@ class DiagnosisRecord(Record):
 
 
 class FirstFailure(Record):
-    """Earliest failure of all trials: the trial, the kind, the object or joint, the time [s] and the place on the path."""
+    """Earliest failure of all trials: the trial, the kind, the object or joint, the time [s] and the place s."""
 
     trial: int
     status: str

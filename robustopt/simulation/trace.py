@@ -31,7 +31,7 @@ class Trace:
         objects: movement by name of each object, environment contact and floating base.
         qpos: state of MuJoCo after each step (N, nq).
         joint_names: joints with a motor (m,).
-        thresholds: largest allowed movement by kind: slip, tilt, drop, lift.
+        thresholds: largest allowed movement by the same names and by kind: slip, tilt, drop, lift.
         contacts: measured force by environment contact.
         planned_forces: planned forces of these contacts, None without any.
     """
@@ -45,7 +45,7 @@ class Trace:
     objects: Mapping[str, Motion]
     qpos: Array
     joint_names: tuple[str, ...]
-    thresholds: Mapping[str, float]
+    thresholds: Mapping[str, Mapping[str, float]]
     contacts: Mapping[str, MeasuredContact] = field(default_factory=dict)
     planned_forces: ContactForces | None = None
 
@@ -64,13 +64,13 @@ def trace(plan: Plan, trial: int, config: Config | None = None, seed: int | None
         The trial over time.
 
     Raises:
-        ProblemInfeasible, ConfigError, SimulationFailed: as `execute`.
+        Infeasible, ConfigError, SimulationFailed: as `execute`.
     """
     job = prepare(plan, config, seed, speed)
     prepared, record = simulate_trials(job, [trial], 1, Workspace())
     world, layout, planned = job.world, prepared.layout, job.planned
     error, _ = acceleration_error(world.velocities(layout, record, 0), planned.qdd, job.execution.timestep)
-    criteria = [item for items in layout.criteria(job.execution.failure).values() for item in items]
+    criteria = layout.criteria(job.execution.failure)
     ground = [item for item in layout.interfaces if isinstance(item, Grounded)]
     contacts = {item.name: item.measured(record, 0, job.execution.timestep) for item in ground}
     return Trace(
@@ -83,7 +83,7 @@ def trace(plan: Plan, trial: int, config: Config | None = None, seed: int | None
         objects=layout.motions(planned, record, 0),
         qpos=record.qpos[0],
         joint_names=world.joint_names,
-        thresholds={item.kind: item.limit for item in criteria},
+        thresholds={name: {item.kind: item.limit for item in items} for name, items in criteria.items()},
         contacts=contacts,
         planned_forces=planned_forces(faster(plan, speed)) if contacts else None,
     )
