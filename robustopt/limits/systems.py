@@ -22,6 +22,10 @@ from robustopt.scene.patches import eroded, patches
 from robustopt.scene.placement import supports
 
 
+TWIST = 2
+"""Index of the name of the rows that bound the twist of a single contact; those that slip and that tip come before."""
+
+
 @dataclass(frozen=True, eq=False)
 class Part:
     """A contact of a system whose twist a program has to bound.
@@ -42,8 +46,8 @@ class ContactSystem:
     Attributes:
         objects: the held bodies; their wrenches are stacked.
         loads: per held body the bodies whose weight and inertia it must carry, itself included.
-        pressed: the objects that a force presses against the tool; their forces follow the wrenches, so the system has
-            d = 6 * len(objects) + len(pressed) coordinates.
+        pressed: the object that each force presses against the tool, once per cup; the forces follow the wrenches, so
+            the system has d = 6 * len(objects) + len(pressed) coordinates.
         points: per held body the reference point of its moments, carrier frame (3,) [m].
         generators: edges of all friction cones and vacuums (d, k); their cone is what the contacts can supply.
         edges_of_friction: which generators are friction edges (k,).
@@ -83,7 +87,7 @@ class ContactSystem:
     @property
     def bounds_twist(self) -> bool:
         """Return whether some of the rows bound the twist, which no program over the generators knows of."""
-        return bool((self.kinds == 2).any())
+        return bool((self.kinds == TWIST).any())
 
     def about(self, points: Sequence[Array]) -> ContactSystem:
         """Return the same system with the moments of each held body about another point (3,) [m]."""
@@ -174,15 +178,15 @@ def _loads(config: Config, name: str, group: tuple[str, ...]) -> tuple[str, ...]
 
 
 def _system(config: Config, group: tuple[str, ...], own: Sequence[Link]) -> ContactSystem:
-    pressed = tuple(dict.fromkeys(link.object for link in own if link.pressed))
-    blocks = [_placed(link, group, pressed) for link in own]
+    pressing = [link for link in own if link.pressed]
+    blocks = [_placed(link, group, pressing) for link in own]
     single = own[0] if len(own) == 1 else None
     names = single.names if single is not None else (_balance(config, group, own),)
-    facets, kinds = _explicit(single, 6 * len(group) + len(pressed))
+    facets, kinds = _explicit(single, 6 * len(group) + len(pressing))
     return ContactSystem(
         objects=group,
         loads=tuple(_loads(config, name, group) for name in group),
-        pressed=pressed,
+        pressed=tuple(link.object for link in pressing),
         points=tuple(np.zeros(3) for _ in group),
         generators=np.hstack(blocks),
         edges_of_friction=np.concatenate([np.arange(len(link.generators.T)) < link.edges_of_friction for link in own]),
@@ -196,9 +200,9 @@ def _system(config: Config, group: tuple[str, ...], own: Sequence[Link]) -> Cont
     )
 
 
-def _placed(link: Link, group: tuple[str, ...], pressed: tuple[str, ...]) -> Array:
+def _placed(link: Link, group: tuple[str, ...], pressing: Sequence[Link]) -> Array:
     """Return the generators of a contact in the stacked coordinates of a group; they act on the support too."""
-    column = np.zeros((6 * len(group) + len(pressed), link.generators.shape[1]))
+    column = np.zeros((6 * len(group) + len(pressing), link.generators.shape[1]))
     row = 6 * group.index(link.object)
     column[row : row + 6] = link.generators[:6]
     support = link.patches[0].support
@@ -206,7 +210,7 @@ def _placed(link: Link, group: tuple[str, ...], pressed: tuple[str, ...]) -> Arr
         row = 6 * group.index(support)
         column[row : row + 6] = -link.generators[:6]
     if link.pressed:
-        column[6 * len(group) + pressed.index(link.object)] = link.generators[6]
+        column[6 * len(group) + pressing.index(link)] = link.generators[6]
     return column
 
 
@@ -216,7 +220,7 @@ def _explicit(single: Link | None, dimension: int) -> tuple[Array, Indices]:
         return np.zeros((0, dimension)), np.zeros(0, dtype=np.intp)
     rows = np.zeros((0, dimension)) if single.rows is None else single.rows
     twist = single.twist.reshape(-1, dimension)
-    kinds = np.concatenate([single.tips.astype(np.intp), np.full(len(twist), 2, dtype=np.intp)])
+    kinds = np.concatenate([single.tips.astype(np.intp), np.full(len(twist), TWIST, dtype=np.intp)])
     return np.vstack([rows, twist]), kinds
 
 
