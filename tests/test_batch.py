@@ -17,10 +17,11 @@ from robustopt.errors import ConfigError, SolverFailed
 from robustopt.limits import build_problem
 from robustopt.processes import end_processes, in_processes
 from robustopt.solvers import Plan, Status, batch, solve
-from robustopt.solvers.batch import BatchPlanner, with_beliefs
+from robustopt.solvers.batch import BatchPlanner, with_setting
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 HEIGHT, DEVIATION = "objects.upper.center_of_mass.2", "uncertainty.joint_acceleration.deviation"
+CUP_FORCE = "objects.carton.held_by.suction.force"
 
 SETTINGS: dict[str, list[dict[str, Any]]] = {
     "waiter_two_blocks": [
@@ -42,16 +43,18 @@ SETTINGS: dict[str, list[dict[str, Any]]] = {
     "waiter_one_block": [{"uncertainty.friction.0": mu, DEVIATION: d} for mu in (0.2, 0.5) for d in (0.0, 0.5)],
     "waiter_heavy": [{}, {"contact.friction": 0.3}],
     "waiter_bridge": [{}, {"contact.friction": 0.4}],
+    "pick_suction": [{}, {CUP_FORCE: 19.0}, {CUP_FORCE: [16.0, 18.0]}, {CUP_FORCE: 5.0}],  # the last has no plan
+    "pick_gripper": [{}, {"objects.casting.held_by.grip.force": 28.0}],
 }
 
 
 @cache
-def config_of(name: str) -> Config:
-    return load_config(CONFIGS / f"{name}.yaml", ["solver.collocation_points=40"])
+def config_of(name: str, *overrides: str) -> Config:
+    return load_config(CONFIGS / f"{name}.yaml", ["solver.collocation_points=40", "execution=null", *overrides])
 
 
 def single(config: Config, setting: dict[str, Any]) -> Plan:
-    return solve(build_problem(with_beliefs(config, setting)), "reachability")
+    return solve(build_problem(with_setting(config, setting)), "reachability")
 
 
 @pytest.mark.parametrize("name", sorted(SETTINGS))
@@ -66,7 +69,21 @@ def test_plans_of_a_batch_are_the_single_plans_bit_for_bit(name: str) -> None:
         assert plan.active == alone.active
 
 
-def test_the_beliefs_are_those_of_the_configuration_written_out() -> None:
+@pytest.mark.parametrize(
+    ("name", "key", "forces"),
+    [
+        ("pick_suction", CUP_FORCE, ([16.0, 18.0], 20.0, 5.0)),
+        ("pick_gripper", "objects.casting.held_by.grip.force", ([23.0, 25.0], 30.0, 5.0)),
+    ],
+)
+def test_forces_of_tools_vary_as_in_single_builds(name: str, key: str, forces: tuple[Any, ...]) -> None:
+    durations = BatchPlanner(config_of(name)).durations([{key: force} for force in forces])
+    alone = [ro.solve(ro.build_problem(config_of(name, f"{key}={force}"))).duration for force in forces]
+    assert durations.tolist() == alone
+    assert durations[0] > durations[1] and np.isinf(durations[2])
+
+
+def test_a_setting_is_written_out_in_the_configuration() -> None:
     config = config_of("waiter_two_blocks")
     same = {
         "contact.friction.upper": (0.3, {"contact.friction": {"default": 0.5, "upper": 0.3}}),
@@ -78,7 +95,7 @@ def test_the_beliefs_are_those_of_the_configuration_written_out() -> None:
         HEIGHT: (0.01, {"objects.upper.center_of_mass": [0.0, 0.0, 0.01]}),
     }
     for key, (value, written) in same.items():
-        assert with_beliefs(config, {key: value}) == with_values(config, written)
+        assert with_setting(config, {key: value}) == with_values(config, written)
 
 
 def test_the_order_of_the_settings_does_not_matter() -> None:
@@ -157,16 +174,17 @@ def test_a_setting_is_planned_once(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     ("setting", "key", "words"),
     [
-        ({"robot.base.position": [0.0, 0.0, 0.0]}, "robot.base.position", "is no belief"),
-        ({"solver.collocation_points": 50}, "solver.collocation_points", "is no belief"),
+        ({"robot.base.position": [0.0, 0.0, 0.0]}, "robot.base.position", "cannot vary within a batch"),
+        ({"solver.collocation_points": 50}, "solver.collocation_points", "cannot vary within a batch"),
         ({"contact.fricton": 0.3}, "contact.fricton", "did you mean contact.friction?"),
         ({"objects.middle.mass": 0.3}, "objects.middle.mass", "expected one of lower, upper"),
-        ({"objects.upper.size": [0.1, 0.1, 0.1]}, "objects.upper.size", "is no belief"),
+        ({"objects.upper.size": [0.1, 0.1, 0.1]}, "objects.upper.size", "cannot vary within a batch"),
         ({"contact.friction": -0.3}, "contact.friction", "found -0.3"),
         ({"contact.friction.middle": 0.3}, "contact.friction.middle", "nothing is called middle"),
         ({"uncertainty.friction": [0.6, 0.7]}, "uncertainty.friction", "does not contain contact.friction"),
         ({HEIGHT: float("nan")}, "objects.upper.center_of_mass[2]", "found nan"),
-        ({"contact": 0.3}, "contact", "is no belief"),
+        ({"objects.upper.held_by.suction.face": 1.0}, "objects.upper.held_by.suction.face", "cannot vary within"),
+        ({"contact": 0.3}, "contact", "cannot vary within a batch"),
     ],
 )
 def test_bad_settings_say_what_is_wrong(setting: dict[str, Any], key: str, words: str) -> None:

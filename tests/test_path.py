@@ -19,7 +19,7 @@ from robustopt.errors import PathError, RobotError
 from robustopt.path import build_path
 from robustopt.path.collision import CollisionCheck
 from robustopt.path.inverse_kinematics import rotation_vector
-from robustopt.path.tray_path import TURN_LENGTH, TrayPath, tray_path
+from robustopt.path.pose_path import TURN_LENGTH, PosePath, pose_path
 from robustopt.robot import Robot, load_robot
 from robustopt.robot.model_file import resolve_package
 
@@ -64,7 +64,7 @@ def poses(*positions: tuple[float, float, float], **same: Any) -> list[dict[str,
 
 
 def test_a_straight_segment_is_straight_and_turns_at_a_constant_rate() -> None:
-    path = tray_path(
+    path = pose_path(
         PathConfig.model_validate({"tray_poses": [{"position": [0, 0, 0]}, {"position": [1, 2, 2], "yaw": 1.2}]})
     )
     assert path.length == pytest.approx(np.hypot(3.0, TURN_LENGTH * 1.2))
@@ -74,11 +74,11 @@ def test_a_straight_segment_is_straight_and_turns_at_a_constant_rate() -> None:
     np.testing.assert_allclose(rotation, Rotation.from_euler("z", 1.2 * share[:, None]).as_matrix(), atol=1e-12)
 
 
-def corner(blend: float, *points: tuple[float, float, float], yaws: tuple[float, ...] = ()) -> TrayPath:
+def corner(blend: float, *points: tuple[float, float, float], yaws: tuple[float, ...] = ()) -> PosePath:
     listed = [
         {"position": list(point), "yaw": yaw} for point, yaw in zip(points, yaws or [0.0] * len(points), strict=True)
     ]
-    return tray_path(PathConfig.model_validate({"tray_poses": listed, "blend": blend}))
+    return pose_path(PathConfig.model_validate({"tray_poses": listed, "blend": blend}))
 
 
 def test_a_right_angle_is_rounded_within_the_blend_and_nowhere_else() -> None:
@@ -128,7 +128,7 @@ def test_a_rounded_corner_is_twice_continuously_differentiable(
 ) -> None:
     listed = [{"position": p, "rpy": rpy} for p, rpy in zip([ends[0], (0.1, 0.2, 0.3), ends[1]], angles, strict=True)]
     try:
-        path = tray_path(PathConfig.model_validate({"tray_poses": listed, "blend": blend}))
+        path = pose_path(PathConfig.model_validate({"tray_poses": listed, "blend": blend}))
     except PathError:
         assume(False)
     assume(path.blend[1] > 0.02)
@@ -145,7 +145,7 @@ def test_a_rounded_corner_is_twice_continuously_differentiable(
         np.testing.assert_allclose(acceleration_before, acceleration_after, atol=30 * h / path.blend[1] ** 2 + 1e-3)
 
 
-def _one_sided(path: TrayPath, sigma: np.ndarray, h: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+def _one_sided(path: PosePath, sigma: np.ndarray, h: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
     """First and second one-sided differences of position and of the turn from the first of the poses."""
     position, rotation = path.pose(sigma)
     turned = np.array([rotation_vector(rotation[0].T @ R) for R in rotation])
@@ -159,7 +159,7 @@ def test_orientation_can_be_given_as_angles_or_quaternion() -> None:
     rpy = (0.2, -0.3, 0.7)
     quaternion = 3.0 * Rotation.from_euler("xyz", rpy).as_quat(scalar_first=True)
     listed = [{"position": [0, 0, 0], "rpy": rpy}, {"position": [1, 0, 0], "quaternion": quaternion.tolist()}]
-    path = tray_path(PathConfig.model_validate({"tray_poses": listed}))
+    path = pose_path(PathConfig.model_validate({"tray_poses": listed}))
     roll, pitch, yaw = (Rotation.from_euler(axis, angle).as_matrix() for axis, angle in zip("xyz", rpy, strict=True))
     np.testing.assert_allclose(path.rotation, [yaw @ pitch @ roll] * 2, atol=1e-12)
 
@@ -206,9 +206,9 @@ def sweeps() -> tuple[Any, Robot]:
     return build_tx90l([SWEEP[0], SWEEP[1], SWEEP[0], SWEEP[1]])
 
 
-def test_three_sweeps_of_the_tx90l_follow_the_tray_path(sweeps: tuple[Any, Robot]) -> None:
+def test_three_sweeps_of_the_tx90l_follow_the_pose_path(sweeps: tuple[Any, Robot]) -> None:
     path, robot = sweeps
-    wanted = tray_path(PathConfig.model_validate({"tray_poses": [SWEEP[0], SWEEP[1], SWEEP[0], SWEEP[1]]}))
+    wanted = pose_path(PathConfig.model_validate({"tray_poses": [SWEEP[0], SWEEP[1], SWEEP[0], SWEEP[1]]}))
     np.testing.assert_allclose(path.breaks, [0, 1 / 3, 2 / 3, 1])
     s = np.linspace(0, 1, 1501)
     position, rotation = robot.carrier_pose(path(s))
@@ -248,7 +248,7 @@ def test_the_same_configuration_gives_the_same_path(sweeps: tuple[Any, Robot]) -
 
 def test_a_finer_tolerance_is_kept() -> None:
     path, robot = build_tx90l(SWEEP, path={"tolerance": {"position": 1e-9, "angle": 1e-9}})
-    wanted = tray_path(PathConfig.model_validate({"tray_poses": SWEEP}))
+    wanted = pose_path(PathConfig.model_validate({"tray_poses": SWEEP}))
     s = np.linspace(0, 1, 777)
     assert np.linalg.norm(robot.carrier_pose(path(s))[0] - wanted.pose(s * wanted.length)[0], axis=1).max() < 3e-9
 
@@ -285,7 +285,7 @@ def test_a_redundant_arm_follows_smoothly() -> None:
     small = {"size": [0.1, 0.1, 0.01], "mass": 0.2}
     path, robot = build({"tray_poses": listed, "blend": 0.1}, seven, small)
     s = np.linspace(0, 1, 400)
-    wanted = tray_path(PathConfig.model_validate({"tray_poses": listed, "blend": 0.1}))
+    wanted = pose_path(PathConfig.model_validate({"tray_poses": listed, "blend": 0.1}))
     assert np.linalg.norm(robot.carrier_pose(path(s))[0] - wanted.pose(s * wanted.length)[0], axis=1).max() < 0.0002
     assert np.abs(path(s, 1)).max() < 15
     assert np.minimum(path(s) - robot.limits.lower, robot.limits.upper - path(s)).min() > 0
@@ -295,7 +295,7 @@ def test_a_redundant_arm_follows_smoothly() -> None:
 
 
 def test_too_few_and_repeated_poses_are_errors() -> None:
-    assert "at least two tray poses; there is 1" in refused({"tray_poses": poses((0, 0, 0))})
+    assert "at least two poses; there is 1" in refused({"tray_poses": poses((0, 0, 0))})
     message = refused({"tray_poses": poses((0, 0, 0), (0, 0, 0), (1, 0, 0), (1, 0, 0))})
     assert "path.tray_poses[1]: repeats tray_poses[0]" in message
     assert "path.tray_poses[3]: repeats tray_poses[2]" in message
@@ -316,7 +316,7 @@ def test_a_pose_that_is_hardly_out_of_reach_says_by_how_much(tmp_path: Path) -> 
 def test_every_pose_out_of_reach_is_named_with_its_distance() -> None:
     far = [SWEEP[0], {"position": [1.9, 0, 0.75]}, SWEEP[1], {"position": [0.75, 0, 2.9]}]
     message = refused(far, builder=build_tx90l)
-    assert "path.tray_poses[1]: is out of reach: the nearest the tray comes is" in message
+    assert "path.tray_poses[1]: is out of reach: the nearest pose is" in message
     assert "path.tray_poses[3]: is out of reach" in message
     assert "tray_poses[0]" not in message
     assert "tray_poses[2]" not in message
@@ -545,7 +545,7 @@ def test_the_paths_of_the_shipped_configurations_follow_their_tray_paths(file: P
     if config.robot.model.startswith("package://") and resolve_package(config.robot.model) is None:
         pytest.skip("needs the optional package example-robot-data: pip install robustopt[robots]")
     robot = load_robot(config)
-    path, wanted = build_path(config, robot), tray_path(config.path)
+    path, wanted = build_path(config, robot), pose_path(config.path)
     s = np.linspace(0, 1, 501)
     position, rotation = robot.carrier_pose(path(s))
     wanted_position, wanted_rotation = wanted.pose(s * wanted.length)

@@ -100,7 +100,7 @@ def _references(config: Config, names: Collection[str]) -> Iterator[Finding]:
 
 def _per_interface(config: Config, names: Collection[str]) -> Iterator[Finding]:
     """Yield unknown names of contacts, and contacts without friction."""
-    contacts = dict.fromkeys([*config.interfaces, *names])
+    contacts = dict.fromkeys([*config.interfaces, *config.interfaces.values(), *names])
     truth: Key = ("execution", "truth")
     given: list[tuple[Key, Any]] = [
         (("contact", "friction"), config.contact.friction),
@@ -114,6 +114,13 @@ def _per_interface(config: Config, names: Collection[str]) -> Iterator[Finding]:
             ((*truth, "variation", "friction"), actual.variation.friction),
         ]
         yield from _unknown_names((*truth, "contact_inset"), actual.contact_inset, tuple(contacts))
+        held = [name for name, body in config.objects.items() if body.held_by is not None]
+        held += [TRAY] if config.tray is not None and config.tray.hands is not None else []
+        for key, forces in (
+            ((*truth, "force"), actual.force),
+            ((*truth, "variation", "force"), actual.variation.force),
+        ):
+            yield from _unknown_names(key, forces, held)
     for key, values in given:
         yield from _unknown_names(key, values, (*contacts, "default"))
     friction = config.contact.friction

@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, Field
 
 from robustopt.config.execution_model import ExecutionConfig
 from robustopt.config.learning_model import LearningConfig
-from robustopt.config.object_model import ContactConfig, ObjectConfig, TrayConfig, contact_names
+from robustopt.config.object_model import ContactConfig, ObjectConfig, TrayConfig, contact_names, pad_names
 from robustopt.config.path_model import PathConfig
 from robustopt.config.section import (
     Acceleration3,
@@ -62,7 +62,22 @@ class RobotConfig(Section):
         description="name of a shipped robot (tx90l, humanoid), or an MJCF or URDF file relative to the "
         "configuration file"
     )
-    tool: str = Field(default="flange", description="site or body of the model that carries the tray")
+    tool: str | tuple[str, ...] = Field(
+        default="flange",
+        description="site or body of the model that carries the tray or holds the parts; several hands of a walking "
+        "robot hold the tray together, in a frame with the axes of the first and its origin in the middle of all",
+    )
+    posture: dict[str, Real] = Field(
+        default={},
+        description="positions of joints of a walking robot that its path leaves alone, in place of those of the "
+        "model's first keyframe [rad or m]",
+    )
+
+    @property
+    def tools(self) -> tuple[str, ...]:
+        """Return the names of the tool or tools."""
+        return (self.tool,) if isinstance(self.tool, str) else self.tool
+
     base: Pose = Field(default=Pose(), description="pose of the robot's base in the world")
     limits: dict[str, JointLimitOverride] = Field(
         default={},
@@ -173,6 +188,8 @@ class Config(Section):
         Friction and contact points may be given by either name.
         """
         own = {name: name for name in self.environment_contacts}
+        if self.tray is not None and self.tray.hands is not None:
+            own |= {pad: "tray" for tool in self.robot.tools for pad in pad_names(tool)}
         return own | {contact: name for name, body in self.objects.items() for contact in contact_names(name, body)}
 
     @property

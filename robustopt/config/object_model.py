@@ -26,10 +26,29 @@ from robustopt.config.section import (
 Force = Positive | tuple[Positive, Positive]
 
 
+class HandsConfig(Section):
+    pad: tuple[Length, Length] = Field(
+        description="edge lengths of the pads of each hand, along x and y of the tray: a thumb on top of it, fingers "
+        "below [m]"
+    )
+    force: Force = Field(description="force with which each thumb presses the tray onto the fingers [N]")
+    squeeze: NonNegative = Field(
+        default=0.0,
+        description="largest internal force between two hands, along the line between them, that a mismatch of their "
+        "positions makes; it uses up friction and joint torque [N]",
+    )
+    pressure: Literal["fixed", "free"] = Field(
+        default="fixed", description="how the normal force spreads over the pads, as for a gripper"
+    )
+
+
 class TrayConfig(Section):
     size: Size = Field(description="edge lengths of the tray, a box [m]")
     mass: Mass = Field(description="mass of the tray [kg]")
     pose: Pose = Field(default=Pose(), description="pose of the tray's centre in the tool frame")
+    hands: HandsConfig | None = Field(
+        default=None, description="how hands hold the tray, if robot.tool names several; else it is fixed to the tool"
+    )
     center_of_mass: Point3 = Field(
         default=(0.0, 0.0, 0.0),
         description="centre of mass in the tray frame, whose origin is the tray's centre [m]",
@@ -171,7 +190,12 @@ def contact_names(name: str, body: ObjectConfig) -> tuple[str, ...]:
         return (name,)
     tool = body.held_by.tool
     if isinstance(tool, GripConfig):
-        return f"{name}_pad1", f"{name}_pad2"
+        return pad_names(name)
     if len(tool.cups) == 1:
         return (name,)
     return tuple(f"{name}_cup{k + 1}" for k in range(len(tool.cups)))
+
+
+def pad_names(name: str) -> tuple[str, str]:
+    """Return the names of two opposed pads: the driven one (a finger or thumb), then the fixed one."""
+    return f"{name}_pad1", f"{name}_pad2"

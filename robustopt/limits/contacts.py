@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from robustopt.arrays import Array, Indices
 from robustopt.config import Config
 from robustopt.config.object_model import GripConfig
+from robustopt.errors import ConfigError
 from robustopt.limits.bodies import Body
 from robustopt.limits.contact_limit import ContactLimit
+from robustopt.limits.hands import hand_force, hand_systems
+from robustopt.limits.laws import ContactLaw
 from robustopt.limits.names import LimitKind
 from robustopt.limits.polygons import Loads
 from robustopt.limits.stances import eroded_sole, stance_system
@@ -25,19 +28,49 @@ STANDARD_GRAVITY = 9.81
 """Turns a mass into the weight of which contact rows are fractions, whatever the configured gravity [m/s^2]."""
 
 
-def contact_limits(config: Config, track: Track, uncertainty: Uncertainty) -> tuple[ContactLimit, ...]:
-    """Return the limits of all contacts: of each stance of a walking robot, then of the objects."""
-    return *stance_limits(config, track, uncertainty), *object_limits(config, track, uncertainty)
+def contact_limits(
+    config: Config, track: Track, uncertainty: Uncertainty, laws: Mapping[str, ContactLaw] | None = None
+) -> tuple[ContactLimit, ...]:
+    """Return the limits of all contacts: of each stance of a walking robot, of the objects, of several hands.
+
+    Args:
+        config: the configuration.
+        track: the track.
+        uncertainty: the uncertain quantities.
+        laws: laws of a user, by the name of the contact of an object.
+
+    Raises:
+        ConfigError: a law is for a contact that no object has.
+    """
+    _require_contacts(config, laws or {})
+    friction, shift = uncertainty.worst_friction, dict(uncertainty.contact_points)
+    systems = (
+        *object_systems(config, friction, shift, laws),
+        *hand_systems(config, track.robot.hands, friction, shift),
+    )
+    return *stance_limits(config, track, uncertainty), *carried_limits(config, track, uncertainty, systems)
 
 
-def object_limits(config: Config, track: Track, uncertainty: Uncertainty) -> list[ContactLimit]:
-    """Return the limits of the contact systems of the objects.
+def _require_contacts(config: Config, laws: Mapping[str, ContactLaw]) -> None:
+    names = [patch.name for patch in patches(config)]
+    for name in laws:
+        if name not in names:
+            known = ", ".join(names)
+            raise ConfigError(
+                f"a law is given for {name}, which is no contact of an object; expected {known}", "objects"
+            )
+
+
+def carried_limits(
+    config: Config, track: Track, uncertainty: Uncertainty, systems: Sequence[ContactSystem]
+) -> list[ContactLimit]:
+    """Return the limits of the contact systems of all that a robot carries.
 
     The moments of each object are about the nominal centre of mass of its load, where interval terms are small.
     """
     everything = {body.name: body for body in uncertainty.bodies}
     found = []
-    for system in object_systems(config, uncertainty.worst_friction, dict(uncertainty.contact_points)):
+    for system in systems:
         loaded = tuple(tuple(everything[name] for name in row) for row in system.loads)
         parameters = [np.sum([body.nominal for body in row], axis=0) for row in loaded]
         centred = system.about([phi[1:4] / phi[0] for phi in parameters])
@@ -53,14 +86,17 @@ def _required(
     loads = track.loads(loaded, system.points, uncertainty.error)
     if not system.pressed:
         return loads
-    forces = [uncertainty.worst_forces[name] for name in system.pressed]
+    worst = uncertainty.worst_forces
+    for hand in track.robot.hands:
+        worst[hand.name] = hand_force(config, hand, uncertainty.worst_friction)
+    forces = [worst[name] for name in system.pressed]
     fingers = [_finger(config, name) for name in system.pressed]
     return with_forces(loads, forces, fingers, track.motion, uncertainty.error.arrays)
 
 
 def _finger(config: Config, name: str) -> Finger | None:
     """Return the driven finger that holds an object, if it has a mass."""
-    held = config.objects[name].held_by
+    held = config.objects[name].held_by if name in config.objects else None
     if held is None or not isinstance(held.tool, GripConfig) or held.tool.finger_mass == 0.0:
         return None
     pad = next(patch for patch in patches(config) if patch.object == name and patch.law is Law.DRIVEN_PAD)

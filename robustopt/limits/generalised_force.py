@@ -35,6 +35,9 @@ def generalised_force(robot: Robot, motion: PathMotion, uncertainty: Uncertainty
     total = _Total(motion, *uncertainty.error.arrays)
     for body, moving, nominal in _bodies(robot, motion, uncertainty):
         total.add(body, moving, nominal)
+    if uncertainty.squeeze and len(robot.hands) > 1:
+        between = robot.hands[1].point - robot.hands[0].point
+        total.add_interval(uncertainty.squeeze * motion.squeeze_torque(between / np.linalg.norm(between)))
     return total.loads()
 
 
@@ -83,6 +86,7 @@ class _Total:
         self._terms: list[tuple[int, Array]] = []
         self._remainders: list[tuple[int, Array]] = []
         self._lowest, self._highest = [1.0], [1.0]
+        self._intervals: list[Array] = []
 
     def add(self, body: Body, moving: BodyMotion, nominal: Array | None) -> None:
         """Add a body; `nominal` (10,) are the inertial parameters that the links have for it already."""
@@ -107,16 +111,22 @@ class _Total:
             bound = np.einsum("kpen,e->pn", np.abs(shakes[1:]), self._radius[self._erring])
             self._remainders.append((group, np.stack([np.zeros_like(bound), np.zeros_like(bound), bound], axis=2)))
 
+    def add_interval(self, term: Array) -> None:
+        """Add an interval term (P, n) that depends on neither u nor x, with a factor in [-1, 1]."""
+        self._intervals.append(term)
+
     def loads(self) -> Loads:
         """Return the generalised force of the links and all bodies."""
         radius = self._radius[self._erring, None]
         constant = [np.swapaxes(shake * radius, 1, 2) for shake in self._shaken]
+        constant += [term[:, :, None] for term in self._intervals]
+        groups = np.r_[np.repeat(np.arange(len(self._groups)), len(self._erring)), np.zeros(len(self._intervals), int)]
         return Loads(
             nominal=np.ascontiguousarray(np.stack(self._groups, axis=2)),
             terms=self._stacked(self._terms),
             group=np.array([g for g, _ in self._terms], dtype=np.int64),
             constant=np.ascontiguousarray(np.concatenate(constant, axis=2)),
-            constant_group=np.repeat(np.arange(len(self._groups)), len(self._erring)),
+            constant_group=groups,
             remainder=self._stacked(self._remainders),
             remainder_group=np.array([g for g, _ in self._remainders], dtype=np.int64),
             lowest=np.array(self._lowest),

@@ -13,7 +13,7 @@ If the pressure is prescribed, rows for the twist come on top (see `twist`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -85,17 +85,30 @@ class Link:
         return grip, grip, LimitName(LimitKind.TWIST, patch.object, "pads")
 
 
-def links(patches: Sequence[Patch], friction: Mapping[str, float], edges: int) -> tuple[Link, ...]:
+ContactLaw = Callable[[Patch, float, int], Array]
+"""A contact law of a user: returns the edges of the cone of the wrenches that a patch can transmit, (6, k).
+
+Its arguments are the patch, its coefficient of friction, and the number of edges of each friction cone; wrenches act on
+the object, moments about the carrier's origin, carrier axes; the edges of a contact point stand side by side.
+"""
+
+
+def links(
+    patches: Sequence[Patch], friction: Mapping[str, float], edges: int, laws: Mapping[str, ContactLaw] | None = None
+) -> tuple[Link, ...]:
     """Return the contacts that some patches form.
 
     Args:
         patches: the patches; the two pads of a gripper follow each other.
         friction: coefficient of friction of each patch by its name.
         edges: number of edges of each friction cone.
+        laws: laws of a user, by the name of the contact.
     """
-    found = []
+    found, own = [], laws or {}
     for patch, after in zip(patches, [*patches, None][1:], strict=True):
-        if patch.law is Law.FRICTION:
+        if patch.name in own:
+            found.append(_users(patch, own[patch.name](patch, friction[patch.name], edges)))
+        elif patch.law is Law.FRICTION:
             found.append(_friction(patch, friction[patch.name], edges))
         elif patch.law is Law.SUCTION:
             found.append(_suction(patch, friction[patch.name], edges))
@@ -124,6 +137,11 @@ def _rows(patch: Patch, mu: float, edges: int) -> tuple[Array | None, Flags]:
     if cone is None:
         return None, np.zeros(0, dtype=bool)
     return scaled(cone, local, mu) @ _into_patch(patch), cone.tips
+
+
+def _users(patch: Patch, generators: Array) -> Link:
+    """Return a contact with the law of a user, whose rows programs find."""
+    return Link((patch,), generators, generators.shape[1], None, np.zeros(0, dtype=bool), NO_ROWS)
 
 
 def _friction(patch: Patch, mu: float, edges: int) -> Link:

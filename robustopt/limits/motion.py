@@ -43,6 +43,16 @@ class PathMotion:
         assert self.regressors is not None, "this robot carries nothing"
         return self.regressors
 
+    def squeeze_torque(self, direction: Array) -> Array:
+        """Return the generalised force of a unit internal force between the first two hands, (P, n) [N m].
+
+        Args:
+            direction: direction of the force, carrier frame (3,).
+        """
+        hands = self.carrier.hands
+        assert hands is not None, "a single tool has no internal force"
+        return np.asarray(np.einsum("pcj,c->pj", (hands[0] - hands[1])[:, :3], direction))
+
 
 def path_motion(robot: Robot, q: Array, q1: Array, q2: Array) -> PathMotion:
     """Return the motion of a robot along a path: coordinates and their derivatives by s, (P, n) each."""

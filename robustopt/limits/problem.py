@@ -7,7 +7,7 @@ second one starts the next piece of the path, x = 0 at both, and the interval be
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -17,6 +17,7 @@ from robustopt.arrays import Array, Flags, Indices
 from robustopt.config import Config
 from robustopt.limits.contact_limit import ContactLimit
 from robustopt.limits.contacts import contact_limits, torque_limit
+from robustopt.limits.laws import ContactLaw
 from robustopt.limits.limit import Limit, LimitFactory
 from robustopt.limits.motion import PathMotion
 from robustopt.limits.names import LimitKind, LimitName
@@ -41,6 +42,7 @@ class Limits:
         contacts: limits of the contact systems.
         torque: limits of the joint torques.
         others: limits that a user has added.
+        laws: contact laws that a user has given, by the name of the contact.
     """
 
     track: Track
@@ -48,6 +50,7 @@ class Limits:
     contacts: tuple[ContactLimit, ...]
     torque: TorqueLimit
     others: tuple[Limit, ...] = ()
+    laws: Mapping[str, ContactLaw] = field(default_factory=dict)
 
     @property
     def motion(self) -> PathMotion:
@@ -184,7 +187,9 @@ class TimeScalingProblem:
         return self.limits.torque.torques(u, x) * self.robot.limits.torque
 
 
-def build_problem(config: Config, limits: Sequence[LimitFactory] = ()) -> TimeScalingProblem:
+def build_problem(
+    config: Config, limits: Sequence[LimitFactory] = (), laws: Mapping[str, ContactLaw] | None = None
+) -> TimeScalingProblem:
     """Return the time-scaling problem of a configuration.
 
     A problem that has no solution is no error here: `solve` says so.
@@ -192,13 +197,14 @@ def build_problem(config: Config, limits: Sequence[LimitFactory] = ()) -> TimeSc
     Args:
         config: the configuration.
         limits: further limits, each made from the track.
+        laws: contact laws in place of the configured ones, by the name of the contact of an object.
 
     Raises:
         ConfigError: the configuration cannot be used.
         RobotError: its robot cannot be used.
         PathError: its path cannot be followed.
     """
-    return rows_along(track_of(config), config, limits)
+    return rows_along(track_of(config), config, limits, laws)
 
 
 def track_of(config: Config) -> Track:
@@ -212,12 +218,17 @@ def build_rows(config: Config, robot: Robot, path: Path) -> TimeScalingProblem:
     return rows_along(build_track(config, robot, path), config)
 
 
-def rows_along(track: Track, config: Config, limits: Sequence[LimitFactory] = ()) -> TimeScalingProblem:
+def rows_along(
+    track: Track,
+    config: Config,
+    limits: Sequence[LimitFactory] = (),
+    laws: Mapping[str, ContactLaw] | None = None,
+) -> TimeScalingProblem:
     """Return the problem of a configuration whose robot, path and collocation points are those of a track."""
     uncertainty = uncertainty_of(config, track.robot.n, track.robot.base)
-    contacts = contact_limits(config, track, uncertainty)
+    contacts = contact_limits(config, track, uncertainty, laws)
     torque = torque_limit(track, uncertainty, contacts)
-    every = Limits(track, uncertainty, contacts, torque, tuple(factory(track) for factory in limits))
+    every = Limits(track, uncertainty, contacts, torque, tuple(factory(track) for factory in limits), laws or {})
     points = len(track.s)
     empty = np.zeros((points, 0))
     bare = TimeScalingProblem(

@@ -13,14 +13,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from robustopt.arrays import Array, Indices
+from robustopt.arrays import Array, Flags, Indices
 from robustopt.config import Config
 from robustopt.limits.cones import about_point, tipping_rows
-from robustopt.limits.laws import Link, links
+from robustopt.limits.laws import ContactLaw, Link, links
 from robustopt.limits.names import LimitKind, LimitName
 from robustopt.scene.patches import eroded, patches
 from robustopt.scene.placement import supports
-
 
 TWIST = 2
 """Index of the name of the rows that bound the twist of a single contact; those that slip and that tip come before."""
@@ -58,6 +57,7 @@ class ContactSystem:
         edges: number of friction edges per contact point, which are neighbours among the generators.
         interfaces: names of the contacts.
         parts: contacts whose twist the programs must bound.
+        transform: coordinates that the generators supply per coordinate of the system (d', d), None for the same.
     """
 
     objects: tuple[str, ...]
@@ -65,7 +65,7 @@ class ContactSystem:
     pressed: tuple[str, ...]
     points: tuple[Array, ...]
     generators: Array
-    edges_of_friction: Array
+    edges_of_friction: Flags
     facets: Array
     complete: bool
     kinds: Indices
@@ -73,6 +73,7 @@ class ContactSystem:
     edges: int
     interfaces: tuple[str, ...]
     parts: tuple[Part, ...] = ()
+    transform: Array | None = None
 
     @property
     def dimension(self) -> int:
@@ -92,11 +93,15 @@ class ContactSystem:
     def about(self, points: Sequence[Array]) -> ContactSystem:
         """Return the same system with the moments of each held body about another point (3,) [m]."""
         moved, facets = self.generators.copy(), self.facets.copy()
+        transform = None if self.transform is None else self.transform.copy()
         for k, (new, old) in enumerate(zip(points, self.points, strict=True)):
             block = slice(6 * k, 6 * k + 6)
-            moved[block] = about_point(new - old) @ moved[block]
             facets[:, block] = facets[:, block] @ about_point(old - new)
-        return replace(self, points=tuple(points), generators=moved, facets=facets)
+            if transform is None:
+                moved[block] = about_point(new - old) @ moved[block]
+            else:
+                transform[:, block] = transform[:, block] @ about_point(old - new)
+        return replace(self, points=tuple(points), generators=moved, facets=facets, transform=transform)
 
     def kind_of(self, rows: Array) -> Indices:
         """Return the index of the name of each row of the cone (F, d) that a program has found, (F,)."""
@@ -107,7 +112,10 @@ class ContactSystem:
 
 
 def object_systems(
-    config: Config, friction: Mapping[str, float], shift: Mapping[str, float]
+    config: Config,
+    friction: Mapping[str, float],
+    shift: Mapping[str, float],
+    laws: Mapping[str, ContactLaw] | None = None,
 ) -> tuple[ContactSystem, ...]:
     """Return the contact systems of the objects of a configuration, moments about the carrier's origin.
 
@@ -115,9 +123,10 @@ def object_systems(
         config: the configuration.
         friction: coefficient of friction of each contact by its name.
         shift: largest distance of each contact point from its place along x and y, by contact [m].
+        laws: laws of a user, by the name of the contact.
     """
     left = [eroded(patch, shift.get(patch.name, 0.0)) for patch in patches(config)]
-    found = links(left, friction, config.contact.cone_edges)
+    found = links(left, friction, config.contact.cone_edges, laws)
     return tuple(_system(config, group, [link for link in found if link.object in group]) for group in _groups(config))
 
 
@@ -177,26 +186,38 @@ def _loads(config: Config, name: str, group: tuple[str, ...]) -> tuple[str, ...]
 # Systems --------------------------------------------------------------------------------------------------
 
 
+def system_of(link: Link, load: tuple[str, ...], edges: int) -> ContactSystem:
+    """Return the system of an object with a single contact, which carries all of a load."""
+    pressed = (link.object,) if link.pressed else ()
+    facets, kinds = _explicit(link)
+    return ContactSystem(
+        objects=(link.object,), loads=(load,), pressed=pressed, points=(np.zeros(3),), generators=link.generators,
+        edges_of_friction=np.arange(link.generators.shape[1]) < link.edges_of_friction, facets=facets,
+        complete=link.rows is not None, kinds=kinds, names=link.names, edges=edges,
+        interfaces=tuple(patch.name for patch in link.patches),
+    )  # fmt: skip
+
+
 def _system(config: Config, group: tuple[str, ...], own: Sequence[Link]) -> ContactSystem:
+    edges = config.contact.cone_edges
+    if len(own) == 1:
+        return system_of(own[0], _loads(config, group[0], group), edges)
     pressing = [link for link in own if link.pressed]
-    blocks = [_placed(link, group, pressing) for link in own]
-    single = own[0] if len(own) == 1 else None
-    names = single.names if single is not None else (_balance(config, group, own),)
-    facets, kinds = _explicit(single, 6 * len(group) + len(pressing))
+    balance = _balance(config, group, own)
     return ContactSystem(
         objects=group,
         loads=tuple(_loads(config, name, group) for name in group),
         pressed=tuple(link.object for link in pressing),
         points=tuple(np.zeros(3) for _ in group),
-        generators=np.hstack(blocks),
+        generators=np.hstack([_placed(link, group, pressing) for link in own]),
         edges_of_friction=np.concatenate([np.arange(len(link.generators.T)) < link.edges_of_friction for link in own]),
-        facets=facets,
-        complete=single is not None and single.rows is not None,
-        kinds=kinds,
-        names=names,
-        edges=config.contact.cone_edges,
+        facets=np.zeros((0, 6 * len(group) + len(pressing))),
+        complete=False,
+        kinds=np.zeros(0, dtype=np.intp),
+        names=(balance,),
+        edges=edges,
         interfaces=tuple(patch.name for link in own for patch in link.patches),
-        parts=() if single is not None else tuple(_parts(own)),
+        parts=tuple(_parts(own)),
     )
 
 
@@ -214,13 +235,12 @@ def _placed(link: Link, group: tuple[str, ...], pressing: Sequence[Link]) -> Arr
     return column
 
 
-def _explicit(single: Link | None, dimension: int) -> tuple[Array, Indices]:
-    """Return the rows of a system with a single contact, and the index of the name of each."""
-    if single is None:
-        return np.zeros((0, dimension)), np.zeros(0, dtype=np.intp)
-    rows = np.zeros((0, dimension)) if single.rows is None else single.rows
-    twist = single.twist.reshape(-1, dimension)
-    kinds = np.concatenate([single.tips.astype(np.intp), np.full(len(twist), TWIST, dtype=np.intp)])
+def _explicit(link: Link) -> tuple[Array, Indices]:
+    """Return the rows of a single contact, and the index of the name of each."""
+    dimension = len(link.generators)
+    rows = np.zeros((0, dimension)) if link.rows is None else link.rows
+    twist = link.twist.reshape(-1, dimension)
+    kinds = np.concatenate([link.tips.astype(np.intp), np.full(len(twist), TWIST, dtype=np.intp)])
     return np.vstack([rows, twist]), kinds
 
 

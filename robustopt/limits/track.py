@@ -88,7 +88,7 @@ class Track:
 
     def generalised_force(self, uncertainty: Uncertainty) -> Loads:
         """Return the generalised force of the motion of a legged robot."""
-        key = (uncertainty.robot_bodies, uncertainty.bodies, uncertainty.error)
+        key = (uncertainty.robot_bodies, uncertainty.bodies, uncertainty.error, uncertainty.squeeze)
         return self._once("force", key, lambda: generalised_force(self.robot, self.motion, uncertainty))
 
     def payload_torque(self, payload: Loads, error: AccelerationError) -> TorqueLimit:

@@ -52,6 +52,7 @@ class Uncertainty:
         bodies: the tray and the objects.
         robot_bodies: mass interval (None for the model's) and reach of the centre of mass of bodies of the robot.
         error: acceleration error.
+        squeeze: largest internal force between two hands that hold the tray [N].
     """
 
     friction: tuple[tuple[str, Interval], ...]
@@ -60,6 +61,7 @@ class Uncertainty:
     bodies: tuple[Body, ...]
     robot_bodies: tuple[tuple[str, Interval | None, tuple[float, float, float]], ...]
     error: AccelerationError
+    squeeze: float = 0.0
 
     @property
     def worst_friction(self) -> dict[str, float]:
@@ -97,6 +99,7 @@ def uncertainty_of(config: Config, coordinates: int, base: int) -> Uncertainty:
             (name, given.mass.get(name), given.center_of_mass.get(name, (0.0, 0.0, 0.0))) for name in sorted(named)
         ),
         error=acceleration_error(config, coordinates, base),
+        squeeze=config.tray.hands.squeeze if config.tray is not None and config.tray.hands is not None else 0.0,
     )
 
 

@@ -1,4 +1,4 @@
-"""From a tray path to joint paths: branches of the inverse kinematics, followed, ranked and fitted by splines.
+"""Joint paths along a path of the carrier: branches of the inverse kinematics, followed, ranked and fitted by splines.
 
 A branch starts at one solution of the first pose and follows it by continuation. Among the branches that stay within
 the joint limits the best has the arm high ("elbow up") and far from its limits (our choice).
@@ -12,9 +12,10 @@ import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 from scipy.spatial.transform import Rotation
 
+from robustopt.arrays import Array
 from robustopt.config import PathTolerance
 from robustopt.path.inverse_kinematics import solve_from_everywhere, solve_pose
-from robustopt.path.tray_path import TrayPath
+from robustopt.path.pose_path import PosePath
 from robustopt.robot import Robot
 
 SPACING = 0.04
@@ -24,8 +25,8 @@ FEWEST_SAMPLES = 12
 LONGEST_STEP = 0.35
 """Longest joint step between poses that counts as following a branch [rad or m]; longer ones are halved."""
 FASTEST = 70.0
-"""Fastest change of a joint with sigma that counts as following a branch [rad/m]: where it is faster, a joint at
-7 rad/s would let the tray creep at 0.1 m/s, at a singularity or in a jump to another branch."""
+"""Fastest change of a joint with sigma that counts as following a branch [rad/m]. Faster ones occur at a singularity or
+in a jump to another branch: a joint at 7 rad/s would let the carrier creep at 0.1 m/s."""
 MOST_SAMPLES = 4096
 """Most samples of one piece: a path that needs more passes next to a singularity."""
 SPLINE_DEGREE = 5
@@ -47,7 +48,7 @@ RETURN = 0.02
 
 
 class BranchLostError(Exception):
-    """The joint path cannot be had at `sigma` [m], for a `reason` in words."""
+    """No joint path follows the carrier's path at `sigma` [m], for a `reason` in words."""
 
     def __init__(self, sigma: float, reason: str) -> None:
         super().__init__(reason)
@@ -57,26 +58,30 @@ class BranchLostError(Exception):
 
 @dataclass(frozen=True)
 class Branch:
-    """A joint path at the samples `sigma` (S,) [m]: `q` (S, n), as far as it could be followed.
+    """A joint path, as far as it could be followed.
 
-    `ended_at`: sigma at which it could not be followed further, None if it is complete. `violation`: how far it leaves
-    the joint limits at worst [rad or m], negative inside. `score`: larger is better.
+    Attributes:
+        sigma: samples of the carrier's path, (S,) [m].
+        q: joint positions at the followed samples, (S, n) or fewer.
+        ended_at: sigma at which it could not be followed further [m], None if it is complete.
+        violation: largest distance beyond a joint limit [rad or m], negative inside.
+        score: rank among the branches; larger is better.
     """
 
-    sigma: np.ndarray
-    q: np.ndarray
+    sigma: Array
+    q: Array
     ended_at: float | None
     violation: float
     score: float
 
     @property
     def usable(self) -> bool:
-        """Whether it is complete and within the joint limits."""
+        """Return True if it is complete and within the joint limits."""
         return self.ended_at is None and self.violation <= LIMIT_TOLERANCE
 
 
-def samples(path: TrayPath) -> np.ndarray:
-    """Sigma of the poses along which branches are followed, equally spaced within each piece."""
+def samples(path: PosePath) -> Array:
+    """Return sigma of the poses along which branches are followed, equally spaced within each piece."""
     pieces = [
         np.linspace(start, end, int(np.clip(np.ceil((end - start) / SPACING), FEWEST_SAMPLES, MOST_SAMPLES)) + 1)
         for start, end in zip(path.breaks[:-1], path.breaks[1:], strict=True)
@@ -84,11 +89,19 @@ def samples(path: TrayPath) -> np.ndarray:
     return np.unique(np.concatenate(pieces))
 
 
-def follow_branches(robot: Robot, path: TrayPath, start: np.ndarray | None) -> list[Branch]:
-    """Branches of the inverse kinematics along the path, best first; the one near `start` (n,) only, if that is given.
+def follow_branches(robot: Robot, path: PosePath, start: Array | None) -> list[Branch]:
+    """Follow the branches of the inverse kinematics along a path.
 
-    Those that leave the joint limits already at the first pose are followed only if all do; of a redundant arm, which
-    has endlessly many, the `MOST_BRANCHES` furthest inside. The list is empty if the first pose was not solved.
+    Branches that leave the joint limits already at the first pose are followed only if all do. A redundant arm has
+    endlessly many; the `MOST_BRANCHES` furthest inside the limits are followed.
+
+    Args:
+        robot: the arm
+        path: path of its carrier
+        start: joint position (n,) near which the only branch starts, None for all branches
+
+    Returns:
+        branches, best first; none if the first pose was not solved
     """
     position, rotation = (value[0] for value in path.pose(np.zeros(1)))
     if start is not None:
@@ -103,8 +116,8 @@ def follow_branches(robot: Robot, path: TrayPath, start: np.ndarray | None) -> l
     return sorted(branches, key=lambda branch: (branch.usable, len(branch.q), branch.score), reverse=True)
 
 
-def follow_branch(robot: Robot, path: TrayPath, sigma: np.ndarray, start: np.ndarray) -> Branch:
-    """The branch through `start` (n,) at the first sample, followed over `sigma` (S,)."""
+def follow_branch(robot: Robot, path: PosePath, sigma: Array, start: Array) -> Branch:
+    """Follow the branch through `start` (n,) at the first sample over `sigma` (S,)."""
     positions, rotations = path.pose(sigma)
     q = [np.asarray(start, dtype=float)]
     ended_at = None
@@ -126,10 +139,11 @@ def follow_branch(robot: Robot, path: TrayPath, sigma: np.ndarray, start: np.nda
     return Branch(sigma, followed, ended_at, violation, height + CLEARANCE_WEIGHT * clearance)
 
 
-def fit_branch(robot: Robot, path: TrayPath, branch: Branch, tolerance: PathTolerance) -> list[BSpline]:
-    """Splines q(s), s = sigma / length, one for each piece of the path, that follow the tray path within `tolerance`.
+def fit_branch(robot: Robot, path: PosePath, branch: Branch, tolerance: PathTolerance) -> list[BSpline]:
+    """Fit splines q(s), s = sigma / length, one for each piece, that follow the carrier's path within `tolerance`.
 
-    Raises BranchLostError where that takes more than `MOST_SAMPLES`, or the inverse kinematics leaves the branch.
+    Raises:
+        BranchLostError: if a piece takes more than `MOST_SAMPLES`, or the inverse kinematics leaves the branch
     """
     pieces = []
     for start, end in zip(path.breaks[:-1], path.breaks[1:], strict=True):
@@ -151,16 +165,16 @@ def fit_branch(robot: Robot, path: TrayPath, branch: Branch, tolerance: PathTole
     return pieces
 
 
-def _deviation(robot: Robot, path: TrayPath, sigma: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Distance [m] and angle [rad] (P,) of the tray at `q` (P, n) from the tray path."""
+def _deviation(robot: Robot, path: PosePath, sigma: Array, q: Array) -> tuple[Array, Array]:
+    """Return distance [m] and angle [rad] (P,) of the carrier at `q` (P, n) from its path."""
     position, rotation = robot.carrier_pose(q)
     wanted_position, wanted_rotation = path.pose(sigma)
     difference = Rotation.from_matrix(wanted_rotation.transpose(0, 2, 1) @ rotation)
     return np.linalg.norm(position - wanted_position, axis=1), np.asarray(difference.magnitude())
 
 
-def _between(robot: Robot, path: TrayPath, sigma: np.ndarray, q: np.ndarray, guess: np.ndarray) -> np.ndarray:
-    """Solutions halfway between the samples `sigma` (S,), next to the `guess` (S-1, n) or followed from `q` (S, n)."""
+def _between(robot: Robot, path: PosePath, sigma: Array, q: Array, guess: Array) -> Array:
+    """Solve halfway between the samples `sigma` (S,), next to the `guess` (S-1, n) or following from `q` (S, n)."""
     middle = (sigma[1:] + sigma[:-1]) / 2
     solutions = np.empty_like(guess)
     for i, (position, rotation) in enumerate(zip(*path.pose(middle), strict=True)):
@@ -173,16 +187,16 @@ def _between(robot: Robot, path: TrayPath, sigma: np.ndarray, q: np.ndarray, gue
     return solutions
 
 
-def _interleave(outer: np.ndarray, inner: np.ndarray) -> np.ndarray:
+def _interleave(outer: Array, inner: Array) -> Array:
     both = np.empty((len(outer) + len(inner), *outer.shape[1:]))
     both[0::2], both[1::2] = outer, inner
     return both
 
 
 def _follow_in_small_steps(
-    robot: Robot, path: TrayPath, q: np.ndarray, sigma: float, target: float
-) -> tuple[np.ndarray, float | None]:
-    """Follow the branch from `sigma` to `target`, halving steps as needed; where it ended, or None."""
+    robot: Robot, path: PosePath, q: Array, sigma: float, target: float
+) -> tuple[Array, float | None]:
+    """Follow the branch from `sigma` to `target`, halving steps as needed; return its end too, None if complete."""
     step = (target - sigma) / 2
     while target - sigma > 1e-12:
         step = min(step, target - sigma)
@@ -197,16 +211,16 @@ def _follow_in_small_steps(
     return q, None
 
 
-def _turned_into_limits(robot: Robot, q: np.ndarray) -> np.ndarray:
-    """The same motion with every hinge turned by full turns to where its range fits its limits best."""
+def _turned_into_limits(robot: Robot, q: Array) -> Array:
+    """Return the same motion with every hinge turned by full turns, so that its range fits its limits best."""
     limited = robot.hinges & np.isfinite(robot.limits.lower) & np.isfinite(robot.limits.upper)
     middle = (np.where(limited, robot.limits.lower, 0.0) + np.where(limited, robot.limits.upper, 0.0)) / 2
     turns = np.round((middle - (q.min(axis=0) + q.max(axis=0)) / 2) / (2 * np.pi))
     return q + np.where(robot.hinges, 2 * np.pi * turns, 0.0)
 
 
-def _limit_distances(robot: Robot, q: np.ndarray) -> tuple[float, float]:
-    """How far `q` (S, n) leaves the joint limits at worst, and the smallest distance from one in half joint ranges."""
+def _limit_distances(robot: Robot, q: Array) -> tuple[float, float]:
+    """Return the largest violation of a joint limit by `q` (S, n), and the least clearance in half joint ranges."""
     distance = np.minimum(q - robot.limits.lower, robot.limits.upper - q).min(axis=0)
     half_range = (robot.limits.upper - robot.limits.lower) / 2
     limited = np.isfinite(half_range)

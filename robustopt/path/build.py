@@ -1,7 +1,7 @@
-"""The path of a configuration: through tray poses or joint waypoints, or along footsteps.
+"""The path of a configuration: through poses or joint waypoints, or along footsteps.
 
-Without steps, s is proportional to the length of the tray path (translation and turn, see `tray_path`) or, for joint
-waypoints, to the chord length of the joints.
+Without steps, s is proportional to the length of the path of the carrier (translation and turn, see `pose_path`) or,
+for joint waypoints, to the chord length of the joints.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from robustopt.path.branches import LIMIT_TOLERANCE, Branch, BranchLostError, fi
 from robustopt.path.collision import CollisionCheck
 from robustopt.path.joint_waypoints import joint_waypoints
 from robustopt.path.path import Path
+from robustopt.path.pose_path import PosePath, pose_path
 from robustopt.path.reach import WAYS_OUT, branch_problems, limit_sentence, start_position
-from robustopt.path.tray_path import TrayPath, tray_path
 from robustopt.path.walking_path import walking_path
 from robustopt.robot import Robot
 
@@ -38,14 +38,14 @@ def build_path(config: Config, robot: Robot) -> Path:
         return walking_path(config, robot)
     if config.path.joints is not None:
         return _first_sound([_joint_path(config, robot)], config, robot, "path.joints")
-    tray = tray_path(config.path)
+    poses = pose_path(config.path)
     start = start_position(config, robot)
-    branches = follow_branches(robot, tray, start)
+    branches = follow_branches(robot, poses, start)
     usable = [branch for branch in branches if branch.usable]
     if not usable:
-        raise PathError(branch_problems(robot, tray, branches, start))
-    paths = (_tray_joint_path(robot, tray, branch, config.path.tolerance) for branch in usable)
-    return _first_sound(paths, config, robot, f"path.{tray.noun}")
+        raise PathError(branch_problems(robot, poses, branches, start))
+    paths = (_branch_path(robot, poses, branch, config.path.tolerance) for branch in usable)
+    return _first_sound(paths, config, robot, f"path.{poses.noun}")
 
 
 def _joint_path(config: Config, robot: Robot) -> Path:
@@ -55,14 +55,14 @@ def _joint_path(config: Config, robot: Robot) -> Path:
     return Path([CubicSpline(s, waypoints)], np.array([0.0, 1.0]), s, "joints")
 
 
-def _tray_joint_path(robot: Robot, tray: TrayPath, branch: Branch, tolerance: PathTolerance) -> Path | str:
+def _branch_path(robot: Robot, poses: PosePath, branch: Branch, tolerance: PathTolerance) -> Path | str:
     """Fit splines to a branch, or say in a sentence why that fails."""
-    waypoints = tray.start / tray.length
+    waypoints = poses.start / poses.length
     try:
-        pieces = fit_branch(robot, tray, branch, tolerance)
+        pieces = fit_branch(robot, poses, branch, tolerance)
     except BranchLostError as error:
-        return f"{tray.label(error.sigma)}: {error.reason}; {WAYS_OUT}"
-    return Path(pieces, tray.breaks / tray.length, waypoints, tray.noun)
+        return f"{poses.label(error.sigma)}: {error.reason}; {WAYS_OUT}"
+    return Path(pieces, poses.breaks / poses.length, waypoints, poses.noun)
 
 
 def _first_sound(paths: Iterable[Path | str], config: Config, robot: Robot, key: str) -> Path:

@@ -19,7 +19,7 @@ from robustopt.path.inverse_kinematics import spread
 from robustopt.robot import Robot
 from robustopt.robot.model_file import USUAL
 from robustopt.robot.preparation import CARRIER_SITE
-from robustopt.scene.placement import Placement, placements
+from robustopt.scene.placement import placements
 from robustopt.scene.rail import rail_box
 
 TOUCH = 1e-4
@@ -38,7 +38,10 @@ EVERYTHING = 0x7FFFFFFF
 class Collision:
     """A collision in a sequence of postures.
 
-    index: of the posture; bodies: names of the two bodies; depth: overlap [m]
+    Attributes:
+        index: of the posture.
+        bodies: names of the two bodies.
+        depth: overlap [m].
     """
 
     index: int
@@ -49,7 +52,8 @@ class Collision:
 class CollisionCheck:
     """A collision check of the robot with the tray and the objects of a configuration.
 
-    overlapping: pairs of links that overlap by construction and are not checked
+    Attributes:
+        overlapping: pairs of links that overlap by construction and are not checked.
 
     Raises:
         RobotError: if `robot.collision.exclude` names a body that does not exist
@@ -139,17 +143,13 @@ def _with_load(config: Config, robot: Robot) -> mujoco.MjModel:
 def _add_objects(carrier: mujoco.MjsBody, config: Config) -> None:
     for name, placement in placements(config).items():
         shape = config.objects[name]
-        body = carrier.add_body(name=f"{PREFIX}{name}", pos=placement.position, quat=_quaternion(placement))
+        quaternion = np.zeros(4)
+        mujoco.mju_mat2Quat(quaternion, placement.rotation.ravel())
+        body = carrier.add_body(name=f"{PREFIX}{name}", pos=placement.position, quat=quaternion)
         if shape.size is not None:
             _add_solid(body, mujoco.mjtGeom.mjGEOM_BOX, np.array(shape.size) / 2)
         else:
             _add_solid(body, mujoco.mjtGeom.mjGEOM_CYLINDER, np.array([shape.radius, placement.half_height, 0.0]))
-
-
-def _quaternion(placement: Placement) -> Array:
-    """Return the orientation w, x, y, z of an object in the carrier frame."""
-    half_turn = placement.yaw / 2
-    return np.array([np.cos(half_turn), 0.0, 0.0, np.sin(half_turn)])
 
 
 def _add_solid(body: mujoco.MjsBody, kind: mujoco.mjtGeom, size: Array) -> None:

@@ -1,9 +1,9 @@
-"""Footsteps: what rests where, when a foot swings, and where the centre of mass goes meanwhile.
+"""Footsteps: places of the feet, phases of the path, and the way of the centre of mass.
 
 The path has 2 K + 1 phases for K steps, all of the same length in s: both feet, one foot, both feet, and so on. The
 swinging foot moves along a polynomial of fifth degree (x, y) and one of sixth degree (z), at rest at both ends. The
 centre of mass follows a cubic spline that passes inside the standing foot while the other one swings (our choice). A
-hand on a rail stays in its place all the way.
+hand on a rail stays in its place along the whole path.
 """
 
 from __future__ import annotations
@@ -13,44 +13,51 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from robustopt.arrays import Array
 from robustopt.config import FEET, Config, StanceConfig
 from robustopt.geometry import contact_axes
 
-Array = np.ndarray
-
 ENTRY, EXIT = -0.02, 0.03
-"""Where the centre of mass is along the standing foot when the other one lifts and when it lands, from its middle and
-in the direction of travel [m]: it falls forward meanwhile."""
+"""Offset of the centre of mass from the middle of the standing foot along the direction of travel, when the other lifts
+and when it lands [m]: the robot falls forward meanwhile."""
 
 SLACK = 1.0 / 3.0
-"""Part of `path.inset` by which the centre of mass is inside the middle of the standing foot halfway through a swing: a
-straight line there would have to be entered with a sharper turn."""
+"""Part of `path.inset` that is left halfway through a swing: a straight line past the standing foot would have to be
+entered with a sharper turn."""
 
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Where a contact rests, or a foot is in the air: `position` of its middle in the world (3,) [m], `axes` of its
-    frame as columns (3, 3), z away from what it rests on."""
+    """A place of a contact, at rest or in the air.
+
+    Attributes:
+        position: of the middle of the contact in the world, (3,) [m].
+        axes: of its frame as columns, z away from the surface on which it rests, (3, 3).
+    """
 
     position: Array
     axes: Array
 
     def world(self, points: Array) -> Array:
-        """Points in the frame of the contact, (k, 2) in its plane or (k, 3), in the world (k, 3)."""
+        """Return points in the frame of the contact, (k, 2) in its plane or (k, 3), in the world (k, 3) [m]."""
         flat = points.shape[1] == 2
         return self.position + points @ (self.axes[:, :2] if flat else self.axes).T
 
 
 def on_floor(position: Array) -> Place:
-    """The place of a level sole, its middle at (2,) or (3,) [m]."""
+    """Return the place of a level sole with its middle at `position` (2,) or (3,) [m]."""
     return Place(np.append(position, np.zeros(3 - len(position))), np.eye(3))
 
 
 @dataclass(frozen=True)
 class Stance:
-    """A phase of the path: `begin` to `end` in s, what rests where, and the step during which only one foot does.
+    """A phase of the path, with a constant set of contacts.
 
-    places: of the contacts that hold, by name, feet first; step: index, -1 for none
+    Attributes:
+        begin: s at its begin.
+        end: s at its end.
+        places: of the contacts that hold, by name, feet first.
+        step: index of the step in which one foot swings, -1 if none does.
     """
 
     begin: float
@@ -60,11 +67,12 @@ class Stance:
 
     @property
     def contacts(self) -> tuple[str, ...]:
+        """Return the names of the contacts that hold."""
         return tuple(self.places)
 
     @property
     def words(self) -> str:
-        """Its contacts as a person names them: "both feet", "left foot and right hand"."""
+        """Return its contacts in words: "both feet", "left foot and right hand"."""
         feet = [name for name in self.places if name in FEET]
         others = [name for name in self.places if name not in FEET]
         named = ["both feet" if len(feet) == 2 else feet[0], *others]
@@ -73,8 +81,13 @@ class Stance:
 
 @dataclass(frozen=True)
 class Footsteps:
-    """The phases of a path, K steps: `places`: of the contacts before the first and after each step, by name; `swings`:
-    foot of each step; `com`: x, y of the centre of mass as a spline over s; `lift` [m]
+    """The phases of a path with K steps.
+
+    Attributes:
+        places: of the contacts before the first and after each step, by name, K + 1.
+        swings: foot of each step, K.
+        com: x, y of the centre of mass as a spline over s [m].
+        lift: height of a swinging foot [m].
     """
 
     places: tuple[dict[str, Place], ...]
@@ -84,11 +97,12 @@ class Footsteps:
 
     @property
     def phases(self) -> int:
+        """Return the number of phases, 2 K + 1."""
         return 2 * len(self.swings) + 1
 
     @property
     def stances(self) -> tuple[Stance, ...]:
-        """All phases in order; where one ends the next one begins."""
+        """Return all phases in order, without gaps."""
         result = []
         for k in range(self.phases):
             places, step = self.places[k // 2], -1
@@ -99,7 +113,7 @@ class Footsteps:
         return tuple(result)
 
     def label(self, s: float) -> str:
-        """Where `s` is, e.g. "during steps[0], right foot in the air, at 40 %"."""
+        """Name the place `s`, such as "during steps[0], right foot in the air, at 40 %"."""
         phase = min(int(s * self.phases), self.phases - 1)
         share = f"at {100 * (s * self.phases - phase):.0f} %"
         step, count = phase // 2, len(self.swings)
@@ -112,7 +126,7 @@ class Footsteps:
         return f"between steps[{step - 1}] and steps[{step}], on both feet, {share}"
 
     def at(self, s: float) -> dict[str, Place]:
-        """Where all contacts are at s, that of a swinging foot in the air."""
+        """Return the places of all contacts at s, of a swinging foot in the air."""
         phase = min(int(s * self.phases), self.phases - 1)
         result = dict(self.places[(phase + 1) // 2])
         if phase % 2:
@@ -125,10 +139,10 @@ class Footsteps:
 
 
 def footsteps(config: Config) -> Footsteps:
-    """The footsteps of a configuration with `path.steps`."""
+    """Return the footsteps of a configuration with `path.steps`."""
     start, steps = config.path.start, config.path.steps
-    assert isinstance(start, StanceConfig)
-    assert steps is not None
+    assert isinstance(start, StanceConfig), "checked when the configuration was read"
+    assert steps is not None, "the path of the configuration has no steps"
     feet = [{"left_foot": np.array(start.left), "right_foot": np.array(start.right)}]
     for step in steps:
         feet.append(feet[-1] | {f"{step.foot}_foot": np.array(step.to)})
@@ -140,7 +154,7 @@ def footsteps(config: Config) -> Footsteps:
 
 
 def _com(places: list[dict[str, Array]], swings: tuple[str, ...], inset: float) -> CubicSpline:
-    """Centre of mass over s, (2,) [m]: from the middle of the feet over each standing foot to the middle again."""
+    """Return the centre of mass over s, (2,) [m]: from the middle of the feet over each standing foot to the middle."""
     phases = 2 * len(swings) + 1
     middles = [np.mean(list(standing.values()), axis=0) for standing in places]
     travel = middles[-1] - middles[0]

@@ -1,7 +1,7 @@
-"""Inverse kinematics of the tray: damped Gauss-Newton steps, from many starts or along a path.
+"""Inverse kinematics of the carrier frame: damped Gauss-Newton steps, from many starts or along a path.
 
-With the error e = (p* - p, log(R* R^T)) and the Jacobian J of the tray in the world, a step is the shortest one that
-solves J dq = e, damped in proportion to |e|^2, so that it converges quadratically where the arm is not singular.
+With the error e = (p* - p, log(R* R^T)) and the Jacobian J of the carrier in the world, a step is the shortest one
+that solves J dq = e, damped in proportion to |e|^2, so that it converges quadratically unless the arm is singular.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from robustopt.arrays import Array
 from robustopt.robot import Robot
 
 ACCURACY = 1e-10
@@ -26,22 +27,31 @@ SEEDS = 64
 
 @dataclass(frozen=True)
 class Solution:
-    """Joint position `q` (n,) and the pose error that is left, in position [m] and angle [rad]."""
+    """A joint position `q` (n,) and the pose error that is left, `distance` [m] and `angle` [rad]."""
 
-    q: np.ndarray
+    q: Array
     distance: float
     angle: float
 
     @property
     def converged(self) -> bool:
-        """Whether the pose is reached."""
+        """Return True if the pose is reached."""
         return self.distance < ACCURACY and self.angle < ACCURACY
 
 
-def solve_pose(
-    robot: Robot, position: np.ndarray, rotation: np.ndarray, q: np.ndarray, iterations: int = 40
-) -> Solution:
-    """Joint position near `q` (n,) at which the tray is at `position` (3,) [m] and `rotation` (3, 3) in the world."""
+def solve_pose(robot: Robot, position: Array, rotation: Array, q: Array, iterations: int = 40) -> Solution:
+    """Find a joint position that puts the carrier frame at a pose.
+
+    Args:
+        robot: the arm
+        position: wanted, in the world, (3,) [m]
+        rotation: wanted, into the world, (3, 3)
+        q: joint position to start from, (n,)
+        iterations: largest number of steps
+
+    Returns:
+        the position after the last step, whether or not it reaches the pose
+    """
     q = np.array(q, dtype=float)
     for _ in range(iterations):
         p, R, J = robot.carrier_jacobian(q)
@@ -54,10 +64,18 @@ def solve_pose(
     return solution
 
 
-def solve_from_everywhere(robot: Robot, position: np.ndarray, rotation: np.ndarray) -> list[Solution]:
-    """Solutions from starts spread over the joint ranges, nearest first; those that reach the pose are all different.
+def solve_from_everywhere(robot: Robot, position: Array, rotation: Array) -> list[Solution]:
+    """Solve for a pose from starts spread over the joint ranges.
 
     The starts are a Halton sequence without scrambling: the same in every run.
+
+    Args:
+        robot: the arm
+        position: wanted, in the world, (3,) [m]
+        rotation: wanted, into the world, (3, 3)
+
+    Returns:
+        solutions, nearest first; no two that reach the pose are the same
     """
     solutions: list[Solution] = []
     for seed in spread(robot, SEEDS):
@@ -67,8 +85,8 @@ def solve_from_everywhere(robot: Robot, position: np.ndarray, rotation: np.ndarr
     return sorted(solutions, key=lambda solution: solution.distance + solution.angle)
 
 
-def rotation_vector(R: np.ndarray) -> np.ndarray:
-    """Rotation vector log(R) (3,) of a rotation matrix (3, 3) [rad]."""
+def rotation_vector(R: Array) -> Array:
+    """Return the rotation vector log(R) (3,) of a rotation matrix (3, 3) [rad]."""
     x, y, z = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
     sine, cosine = math.sqrt(x * x + y * y + z * z) / 2, (R[0, 0] + R[1, 1] + R[2, 2] - 1) / 2
     if sine < 1e-4 and cosine < 0:
@@ -77,22 +95,22 @@ def rotation_vector(R: np.ndarray) -> np.ndarray:
     return np.array((x * scale, y * scale, z * scale))
 
 
-def _damped_step(J: np.ndarray, error: np.ndarray) -> np.ndarray:
+def _damped_step(J: Array, error: Array) -> Array:
     damping = DAMPING * float(error @ error) + 1e-14
     if J.shape[1] > J.shape[0]:
         return np.asarray(J.T @ np.linalg.solve(J @ J.T + damping * np.eye(J.shape[0]), error))
     return np.asarray(np.linalg.solve(J.T @ J + damping * np.eye(J.shape[1]), J.T @ error))
 
 
-def spread(robot: Robot, count: int) -> np.ndarray:
-    """Joint positions spread over the joint ranges, shape (count, n); over [-pi, pi] where that is smaller."""
+def spread(robot: Robot, count: int) -> Array:
+    """Return joint positions spread over the joint ranges, or over [-pi, pi] if that is smaller, shape (count, n)."""
     narrow = robot.limits.upper - robot.limits.lower < 2 * np.pi
     lower, upper = np.where(narrow, robot.limits.lower, -np.pi), np.where(narrow, robot.limits.upper, np.pi)
     return np.asarray(lower + (upper - lower) * halton(count, robot.n))
 
 
-def halton(count: int, dimensions: int) -> np.ndarray:
-    """The first points of the Halton sequence in the unit cube, shape (count, dimensions), 0 left out."""
+def halton(count: int, dimensions: int) -> Array:
+    """Return the first points of the Halton sequence in the unit cube without 0, shape (count, dimensions)."""
     primes = [p for p in range(2, 1000) if all(p % divisor for divisor in range(2, math.isqrt(p) + 1))]
     points = np.zeros((count, dimensions))
     for column, base in enumerate(primes[:dimensions]):

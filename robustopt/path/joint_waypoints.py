@@ -1,4 +1,4 @@
-"""Joint waypoints: from the configuration or a CSV file."""
+"""Joint waypoints, from the configuration or a CSV file."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import io
 
 import numpy as np
 
+from robustopt.arrays import Array, Flags
 from robustopt.config import Config
 from robustopt.errors import ConfigProblem, PathError
 
@@ -16,17 +17,22 @@ MOST_COMPLAINTS = 10
 SAME_POSITION = 1e-9
 """Joint positions nearer than this are repeated [rad or m]."""
 SAME_PART = 1e-6
-"""So are those nearer than this part of the path's length, where they turn: rounding, whose direction a spline would
-follow. A log that begins slowly has such waypoints too, but in the direction of the path."""
+"""Waypoints nearer than this part of the path's length are repeated too if the path turns there: a spline would follow
+the direction of a rounding error. A log that begins slowly has such waypoints in the direction of the path."""
 STRAIGHT = 0.99
-"""Cosine of the angle to the path around it from which on a short step does not turn (our choice)."""
+"""Least cosine of the angle between a short step and the path around it, for the step not to turn (our choice)."""
 
 
-def joint_waypoints(config: Config, joint_names: tuple[str, ...]) -> np.ndarray:
-    """Waypoints of `path.joints`, shape (W, n) [rad or m].
+def joint_waypoints(config: Config, joint_names: tuple[str, ...]) -> Array:
+    """Return the waypoints of `path.joints`, shape (W, n) [rad or m].
 
-    Raises PathError if a CSV file cannot be read, the number of columns is not that of the joints, there are fewer
-    than two waypoints, or one is repeated.
+    Args:
+        config: configuration with `path.joints`, a list or the name of a CSV file
+        joint_names: names of the joints in their order
+
+    Raises:
+        PathError: if a CSV file cannot be read, a waypoint has not one value for each joint, there are fewer than two
+            waypoints, or one is repeated
     """
     joints = config.path.joints
     rows = _read_csv(config, joints, joint_names) if isinstance(joints, str) else [list(row) for row in joints or ()]
@@ -52,18 +58,18 @@ def joint_waypoints(config: Config, joint_names: tuple[str, ...]) -> np.ndarray:
     return waypoints
 
 
-def _repeats(waypoints: np.ndarray) -> np.ndarray:
-    """Which waypoints (N, n), from the second on, repeat the one before, (N - 1,)."""
+def _repeats(waypoints: Array) -> Flags:
+    """Mark the waypoints (N, n), from the second on, that repeat the one before, (N - 1,)."""
     steps = np.diff(waypoints, axis=0)
     first = np.arange(len(steps))
     around = waypoints[np.minimum(first + 2, len(steps))] - waypoints[np.maximum(first - 1, 0)]
     lengths = np.linalg.norm(steps, axis=1)
     turns = np.sum(steps * around, axis=1) < STRAIGHT * lengths * np.linalg.norm(around, axis=1)
-    return (lengths < SAME_POSITION) | (turns & (lengths < SAME_PART * lengths.sum()))
+    return np.asarray((lengths < SAME_POSITION) | (turns & (lengths < SAME_PART * lengths.sum())))
 
 
 def _read_csv(config: Config, name: str, joint_names: tuple[str, ...]) -> list[list[float]]:
-    """Rows of a CSV file, one waypoint each; a first row that holds the joint names puts the columns in order."""
+    """Read the rows of a CSV file, one waypoint each; a first row with the joint names puts the columns in order."""
     file = config.folder / name
     try:
         text = file.read_text(encoding="utf-8-sig")
@@ -82,7 +88,7 @@ def _read_csv(config: Config, name: str, joint_names: tuple[str, ...]) -> list[l
     values = []
     for i, row in enumerate(rows):
         if len(row) != len(columns):
-            raise PathError(f"{file}, waypoint {i}: has {len(row)} values, where others have {len(columns)}", key=KEY)
+            raise PathError(f"{file}, waypoint {i}: has {len(row)} values; the first one has {len(columns)}", key=KEY)
         wrong = [cell for cell in row if not _is_number(cell)]
         if wrong:
             raise PathError(f"{file}, waypoint {i}: {wrong[0]!r} is not a finite number", key=KEY)

@@ -13,7 +13,7 @@ from scipy.interpolate import BSpline, CubicSpline
 
 from robustopt.arrays import Array, Indices
 from robustopt.path.footsteps import Footsteps
-from robustopt.path.tray_path import label
+from robustopt.path.pose_path import label
 
 POINTS_PER_KNOT = 8
 FEWEST_POINTS = 200
@@ -23,18 +23,21 @@ Spline = BSpline | CubicSpline
 
 
 class Path:
-    """Path q(s), s in [0, 1], of K pieces, C2 on each.
+    """A path q(s), s in [0, 1], of K pieces, C2 on each.
 
-    breaks: (K+1,) boundaries of the pieces, from 0 to 1; the robot stops at the inner ones, and the derivative of q may
-    jump there; waypoints: (W,) s of the waypoints of the configuration; switches: s at which the limits change while
-    the robot moves on, which a grid must hold; stances: phases of a path with steps in their order, () without steps
+    Attributes:
+        breaks: boundaries of the pieces, from 0 to 1, (K+1,); the robot stops at the inner ones, and the derivative of
+            q may jump there.
+        waypoints: s of the waypoints of the configuration, (W,).
+        switches: s at which the limits change while the robot moves on; a grid must hold them.
+        stances: phases of a path with steps in their order; () without steps.
 
     Args:
-        pieces: splines q(s), one for each piece
+        pieces: splines q(s), one for each piece.
         breaks: (K+1,)
         waypoints: (W,)
-        noun: what the configuration calls the waypoints
-        steps: footsteps, with a phase between any two waypoints
+        noun: name that the configuration gives the waypoints.
+        steps: footsteps, with a phase between any two neighbouring waypoints.
     """
 
     def __init__(

@@ -1,21 +1,26 @@
-"""Why a tray path cannot be followed: poses out of reach, joint limits, singularities, each in a sentence."""
+"""Reasons why an arm cannot follow a path of poses: reach, joint limits, singularities, each in a sentence."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from robustopt.arrays import Array
 from robustopt.config import Config
 from robustopt.errors import ConfigProblem, PathError
 from robustopt.path.branches import Branch
 from robustopt.path.inverse_kinematics import Solution, solve_from_everywhere
-from robustopt.path.tray_path import TrayPath
+from robustopt.path.pose_path import PosePath
 from robustopt.robot import Robot
 
-WAYS_OUT = "move the poses, put one between them, mount the tray otherwise, or give another path.start"
+WAYS_OUT = "move the poses, put one between them, mount the tray or tool otherwise, or give another path.start"
 
 
-def start_position(config: Config, robot: Robot) -> np.ndarray | None:
-    """`path.start` as an array (n,), or None; raises PathError if it has not one value for each joint."""
+def start_position(config: Config, robot: Robot) -> Array | None:
+    """Return `path.start` as an array (n,), or None.
+
+    Raises:
+        PathError: if it has not one value for each joint
+    """
     start = config.path.start
     if start is None or not isinstance(start, tuple):
         return None
@@ -26,8 +31,8 @@ def start_position(config: Config, robot: Robot) -> np.ndarray | None:
     return np.array(start)
 
 
-def limit_sentence(robot: Robot, q: np.ndarray) -> str:
-    """Which joint at `q` (n,) is furthest beyond its limit, and by how much."""
+def limit_sentence(robot: Robot, q: Array) -> str:
+    """Say which joint at `q` (n,) is furthest beyond its limit, and how far."""
     beyond = np.maximum(robot.limits.lower - q, q - robot.limits.upper)
     joint = int(np.argmax(beyond))
     limit = robot.limits.upper[joint] if q[joint] > robot.limits.upper[joint] else robot.limits.lower[joint]
@@ -35,24 +40,20 @@ def limit_sentence(robot: Robot, q: np.ndarray) -> str:
     return f"{robot.joint_names[joint]} would be at {q[joint]:.3f} {unit}, beyond its limit of {limit:.3f} {unit}"
 
 
-def branch_problems(
-    robot: Robot, path: TrayPath, branches: list[Branch], start: np.ndarray | None
-) -> list[ConfigProblem]:
-    """Why none of the `branches` along the path is usable."""
+def branch_problems(robot: Robot, path: PosePath, branches: list[Branch], start: Array | None) -> list[ConfigProblem]:
+    """Say why none of the `branches` along the path is usable; `start` as given in the configuration (n,)."""
     unreachable = _unreachable_poses(robot, path)
     if unreachable:
         return unreachable
     if not branches:
-        return [
-            ConfigProblem("path.start", "the first tray pose cannot be reached from there; leave it out, or move it")
-        ]
+        return [ConfigProblem("path.start", "the first pose cannot be reached from there; leave it out, or move it")]
     complete = [branch for branch in branches if branch.ended_at is None]
     if complete:
         return [_limit_problem(robot, path, min(complete, key=lambda branch: branch.violation))]
     return [_end_problem(robot, path, max(branches, key=lambda branch: branch.ended_at or 0.0))]
 
 
-def _unreachable_poses(robot: Robot, path: TrayPath) -> list[ConfigProblem]:
+def _unreachable_poses(robot: Robot, path: PosePath) -> list[ConfigProblem]:
     problems = []
     for i, (position, rotation) in enumerate(zip(path.position, path.rotation, strict=True)):
         nearest = solve_from_everywhere(robot, position, rotation)[0]
@@ -60,13 +61,13 @@ def _unreachable_poses(robot: Robot, path: TrayPath) -> list[ConfigProblem]:
             problems.append(
                 ConfigProblem(
                     f"path.{path.noun}[{i}]",
-                    f"is out of reach: {_miss(nearest)}; move it, the base or the tray's mounting",
+                    f"is out of reach: {_miss(nearest)}; move it, the base or the mounting of the tray or tool",
                 )
             )
     return problems
 
 
-def _limit_problem(robot: Robot, path: TrayPath, branch: Branch) -> ConfigProblem:
+def _limit_problem(robot: Robot, path: PosePath, branch: Branch) -> ConfigProblem:
     beyond = np.maximum(robot.limits.lower - branch.q, branch.q - robot.limits.upper).max(axis=1)
     worst = int(np.argmax(beyond))
     return ConfigProblem(
@@ -74,7 +75,7 @@ def _limit_problem(robot: Robot, path: TrayPath, branch: Branch) -> ConfigProble
     )
 
 
-def _end_problem(robot: Robot, path: TrayPath, branch: Branch) -> ConfigProblem:
+def _end_problem(robot: Robot, path: PosePath, branch: Branch) -> ConfigProblem:
     assert branch.ended_at is not None
     index = int(np.searchsorted(branch.sigma, branch.ended_at, side="right"))
     following = branch.sigma[min(index, len(branch.sigma) - 1)]
@@ -89,4 +90,4 @@ def _end_problem(robot: Robot, path: TrayPath, branch: Branch) -> ConfigProblem:
 
 def _miss(nearest: Solution) -> str:
     distance, angle = round(1000 * nearest.distance, 4), round(nearest.angle, 6)
-    return f"the nearest the tray comes is {distance:.4g} mm and {angle:.3g} rad away"
+    return f"the nearest pose is {distance:.4g} mm and {angle:.3g} rad away"

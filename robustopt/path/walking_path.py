@@ -1,4 +1,4 @@
-"""Path of a robot on its feet: footsteps turned into coordinates q(s) by inverse kinematics.
+"""The path of a walking robot: footsteps turned into coordinates q(s) by inverse kinematics.
 
 The pelvis stays upright at its height; its place in the plane and the twelve joints of the legs follow from the centre
 of mass and the poses of the two soles, fourteen equations for as many unknowns, solved by Newton's method along the
@@ -20,6 +20,7 @@ from robustopt.errors import PathError
 from robustopt.path.collision import CollisionCheck, first_touch
 from robustopt.path.footsteps import Footsteps, footsteps
 from robustopt.path.path import Path
+from robustopt.path.reach import limit_sentence
 from robustopt.robot import Robot
 
 POINTS_PER_PHASE = 60
@@ -33,26 +34,30 @@ LONGEST_STEP = 0.3
 """Longest step of an iteration [rad or m]: the linearisation does not reach further."""
 
 LIMIT_TOLERANCE = 1e-6
-"""How far a joint may be beyond its limit [rad]: rounding."""
+"""Largest distance of a joint beyond its limit [rad]: rounding."""
 
 POINTS_PER_CHECK = 10
 """Points in each interval between two solutions at which the joint limits are checked."""
 
 PULL = 0.05
-"""Part of the way to the posture of the model that a redundant arm goes from one solution to the next."""
+"""Share of the way to the posture of the model that a redundant arm goes from one solution to the next."""
 
 STARTS, SETTLING = 16, 20
-"""Postures of an arm from which that at the start of the path is sought, and steps in which it settles there."""
+"""Number of postures of an arm from which its posture at the start is sought, and of steps in which it settles."""
 
 SAME_POSTURE = 1e-2
-"""Two of them that have come this close to each other are the same [rad or m]."""
+"""Two settled postures that are this close to each other are the same [rad or m]."""
 
 SETTLING_PULL = 0.5
-"""Part of the way to the posture of the model that an arm goes in each of these steps."""
+"""Share of the way to the posture of the model that an arm goes in each settling step."""
 
 
 def walking_path(config: Config, robot: Robot) -> Path:
-    """The path of the configuration. Raises PathError where the legs are too short or a joint leaves its range."""
+    """Build the path of a configuration with `path.steps`.
+
+    Raises:
+        PathError: if a foothold or the rail is out of reach, a joint leaves its range, or bodies collide
+    """
     steps = footsteps(config)
     s = np.linspace(0.0, 1.0, POINTS_PER_PHASE * steps.phases + 1)
     ends, borders = np.array([0.0, 1.0]), np.linspace(0.0, 1.0, steps.phases + 1)
@@ -76,7 +81,7 @@ def walking_path(config: Config, robot: Robot) -> Path:
 
 
 def _followed(robot: Robot, steps: Footsteps, s: Array, start: Array) -> Array:
-    """q (P, n) at the places s (P,), one after the other from near the start (n,)."""
+    """Solve for q (P, n) at the places s (P,), one after the other from near the start (n,)."""
     q = np.empty((len(s), robot.n))
     guess = start
     for i, si in enumerate(s):
@@ -89,8 +94,11 @@ def _followed(robot: Robot, steps: Footsteps, s: Array, start: Array) -> Array:
 
 
 def _starts(config: Config, robot: Robot, steps: Footsteps) -> Iterator[Array]:
-    """Postures (n,) near which the path may start: that of the model; with a hand on a rail others too, since an arm
-    may have several ways to reach its place."""
+    """Yield postures (n,) near which the path may start.
+
+    The first is the posture of the model. With a hand on a rail others follow: an arm may reach its place in several
+    ways.
+    """
     posture = robot.posture.copy()
     posture[:2] = steps.com(0.0)
     if config.path.rail is None:
@@ -116,24 +124,30 @@ def _starts(config: Config, robot: Robot, steps: Footsteps) -> Iterator[Array]:
 def _solve(
     robot: Robot, steps: Footsteps, s: float, q: Array, pull: float = 0.0, iterations: int = ITERATIONS
 ) -> tuple[Array, dict[str, float]]:
-    """q (n,) near the given one with the centre of mass and all contacts in their places at s, and the errors left, by
-    contact and `com`.
+    """Put the centre of mass and all contacts in their places at s by Newton's method.
 
-    pull: part of the way to the posture of the model that joints go which are left free
+    Args:
+        robot: the robot
+        steps: its footsteps
+        s: place on the path
+        q: coordinates to start from, (n,)
+        pull: share of the way to the posture of the model that a redundant arm goes
+        iterations: largest number of steps
+
+    Returns:
+        q (n,) after the last step, and the errors left by contact and `com` [m and rad]
     """
     places, com = steps.at(s), steps.com(s)
-    names = list(robot.contacts)
-    free = np.concatenate([[0, 1], *(robot.limbs[name] for name in names)])
-    redundant = len(free) > 2 + 6 * len(names)
+    wanted = [places[name] for name in robot.contacts]
+    limbs = list(robot.limbs.values())
+    free = np.concatenate([[0, 1], *limbs])
+    redundant = len(free) > 2 + 6 * len(wanted)
     q = q.copy()
-    place = np.array([places[name].position for name in names])
-    back = np.array([places[name].axes.T for name in names])
+    place, back = np.array([item.position for item in wanted]), np.array([item.axes.T for item in wanted])
     for k in range(iterations):
         center, com_jacobian, position, rotation, jacobians = robot.contacts_and_com(q)
         turn = rotation @ back
-        tilt = np.stack([turn[:, 1, 2] - turn[:, 2, 1], turn[:, 2, 0] - turn[:, 0, 2],
-                         turn[:, 0, 1] - turn[:, 1, 0]], axis=1)  # fmt: skip
-        poses = np.concatenate([place - position, 0.5 * tilt], axis=1)
+        poses = np.concatenate([place - position, 0.5 * _tilt(turn)], axis=1)
         error = np.concatenate([com - center[:2], poses.ravel()])
         size = float(np.abs(error).max())
         pulled = redundant and pull > 0.0 and k == 0
@@ -144,24 +158,31 @@ def _solve(
             step, *_ = np.linalg.lstsq(J, error)
         else:
             step = np.linalg.solve(J, error)
-        if pulled:
+        if pulled:  # the last limb is the arm; in the null space of J it moves without its hand
             wish = pull * (robot.posture - q)[free]
-            wish[: -len(robot.limbs[names[-1]])] = 0.0
+            wish[: -len(limbs[-1])] = 0.0
             step = step + wish - np.linalg.lstsq(J, J @ wish)[0]
         q[free] += step * min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), LONGEST_STEP))
-    flipped = np.einsum("kii->k", turn) < 1.0
+    flipped = np.einsum("kii->k", turn) < 1.0  # the small-angle tilt vanishes at half a turn too
     left = np.where(flipped, np.pi, np.abs(poses).max(axis=1))
-    return q, dict(zip(names, left.tolist(), strict=True)) | {"com": float(np.abs(error[:2]).max())}
+    return q, dict(zip(robot.contacts, left.tolist(), strict=True)) | {"com": float(np.abs(error[:2]).max())}
+
+
+def _tilt(turn: Array) -> Array:
+    """Return twice the small rotation vectors (k, 3) that undo the rotations `turn` (k, 3, 3)."""
+    return np.stack(
+        [turn[:, 1, 2] - turn[:, 2, 1], turn[:, 2, 0] - turn[:, 0, 2], turn[:, 0, 1] - turn[:, 1, 0]], axis=1
+    )
 
 
 def _key(steps: Footsteps, s: float) -> str:
-    """Key of the start or of the step that a place on the path belongs to."""
+    """Return the key of the start or of the step to which a place on the path belongs."""
     phase = min(int(s * steps.phases), steps.phases - 1)
     return "path.start" if phase == 0 else f"path.steps[{min((phase - 1) // 2, len(steps.swings) - 1)}]"
 
 
 def _unreachable(steps: Footsteps, s: float, lost: str) -> tuple[str, str]:
-    """What is out of reach at s, and the key of it; lost: contact that is furthest from its place."""
+    """Return a message about the contact `lost`, which is out of reach at s, and the key to change."""
     if lost in HANDS:
         message = (
             f"{steps.label(s)}: the {_words(lost)} does not reach its place on the rail; expected a rail that is "
@@ -201,19 +222,17 @@ def _require_no_touch(path: Path, robot: Robot, s: Array, rail: RailConfig) -> N
 
 
 def _require_limits(path: Path, steps: Footsteps, robot: Robot, s: Array) -> None:
-    """Raise PathError where a joint is furthest beyond its range, along the whole path."""
+    """Check that all joints stay within their ranges along the whole path."""
     fine = np.linspace(0.0, 1.0, POINTS_PER_CHECK * (len(s) - 1) + 1)
     q = path(fine)
     beyond = np.maximum(robot.limits.lower - q, q - robot.limits.upper)
     worst, joint = np.unravel_index(int(np.argmax(beyond)), beyond.shape)
     if beyond[worst, joint] <= LIMIT_TOLERANCE:
         return
-    value, upper = q[worst, joint], robot.limits.upper[joint]
-    limit = upper if value > upper else robot.limits.lower[joint]
     of_hand = any(joint in robot.limbs[name] for name in robot.limbs if name in HANDS)
     remedy = "a shorter step, another path.pelvis_height, or another place of the feet"
     raise PathError(
-        f"{path.label(float(fine[worst]))}: {robot.joint_names[joint]} would be at {value:.3f} rad, beyond its limit "
-        f"of {limit:.3f} rad; expected {'another place of the rail' if of_hand else remedy}",
+        f"{path.label(float(fine[worst]))}: {limit_sentence(robot, q[worst])}; expected "
+        f"{'another place of the rail' if of_hand else remedy}",
         key="path.rail.at" if of_hand else _key(steps, float(fine[worst])),
     )

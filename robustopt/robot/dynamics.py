@@ -20,13 +20,18 @@ from robustopt.robot.floating_base import base_to_wrench
 
 @dataclass(frozen=True)
 class CarrierMotion:
-    """Motion of the carrier frame along a path at P points.
+    """The motion of the carrier frame along a path at P points.
 
     At u = sdd and x = sd^2 the frame accelerates by `jacobian @ q1 * u + (jacobian @ q2 + bias) * x`.
 
-    position: (P, 3) in the world [m]; rotation: (P, 3, 3) into the world; jacobian: (P, 6, n) of the origin, linear
-    then angular, carrier axes; bias: (P, 6) acceleration at qd = q'(s), qdd = 0, linear then angular, carrier axes
-    [m/s^2, rad/s^2]; gravity: (P, 3) carrier axes [m/s^2]
+    Attributes:
+        position: of the origin in the world, (P, 3) [m].
+        rotation: from carrier axes into the world, (P, 3, 3).
+        jacobian: of the origin, linear then angular, carrier axes, (P, 6, n).
+        bias: acceleration at qd = q'(s) and qdd = 0, linear then angular, carrier axes, (P, 6) [m/s^2, rad/s^2].
+        gravity: in carrier axes, (P, 3) [m/s^2].
+        hands: Jacobians at the carrier's origin of several hands that hold the tray together, (k, P, 6, n), of which
+            `jacobian` is the mean weighted by their shares; None for a single tool.
     """
 
     position: Array
@@ -34,6 +39,7 @@ class CarrierMotion:
     jacobian: Array
     bias: Array
     gravity: Array
+    hands: Array | None = None
 
     def __post_init__(self) -> None:
         _freeze(self)
@@ -41,16 +47,18 @@ class CarrierMotion:
 
 @dataclass(frozen=True)
 class Dynamics:
-    """Inverse dynamics of the links along a path at P points, without contacts and payload.
+    """The inverse dynamics of the links along a path at P points, without contacts and payload.
 
     At u = sdd and x = sd^2 the generalised force is `force_u * u + force_x * x + force_0`. Rows of a floating base are
     the wrench on the robot, force then moment about the world's origin, world axes [N, N m]; the other rows are joint
     torques or forces [N m or N], without joint friction.
 
-    force_u, force_x, force_0: (P, n); mass_matrix: (P, n, n) generalised force per acceleration, armature included;
-    contact_jacobians: by name of the environment contact (P, 6, n), motion of its body at the world's origin, linear
-    then angular, world axes: a wrench w about the world's origin on the contact does J^T w at the joints; carrier:
-    motion of the carrier frame, None if the robot has none
+    Attributes:
+        force_u, force_x, force_0: generalised force per u, per x and at rest, (P, n).
+        mass_matrix: generalised force per acceleration, armature included, (P, n, n).
+        contact_jacobians: by environment contact the motion of its body at the world's origin, linear then angular,
+            world axes, (P, 6, n); a wrench w on the contact about the world's origin does J^T w at the joints.
+        carrier: motion of the carrier frame, None if the robot has none.
     """
 
     force_u: Array
@@ -66,14 +74,16 @@ class Dynamics:
 
 @dataclass(frozen=True)
 class BodyMotion:
-    """Motion of a body's frame along a path at P points, body axes.
+    """The motion of a body's frame along a path at P points, body axes.
 
     The acceleration of its origin less gravity is `linear_u * u + linear_x * x + linear_0`, the angular acceleration
     `angular_u * u + angular_x * x`.
 
-    linear_u, linear_x, linear_0, angular_u, angular_x: (P, 3) [m/s^2, rad/s^2]; spin: (P, 3) angular velocity at
-    qd = q'(s) [rad/s]; jacobian: (P, 6, n) of the origin, linear then angular; to_force: (P, n, 6) generalised force of
-    a wrench about the origin, base rows as in `Dynamics`
+    Attributes:
+        linear_u, linear_x, linear_0, angular_u, angular_x: (P, 3) [m/s^2, rad/s^2].
+        spin: angular velocity at qd = q'(s), (P, 3) [rad/s].
+        jacobian: of the origin, linear then angular, (P, 6, n).
+        to_force: generalised force of a wrench about the origin, base rows as in `Dynamics`, (P, n, 6).
     """
 
     linear_u: Array
@@ -88,15 +98,19 @@ class BodyMotion:
 
 @dataclass(frozen=True)
 class Frames:
-    """Where the frames of interest are in a compiled model.
+    """The numbers of the frames of interest in a compiled model.
 
-    base: number of base coordinates; contacts: number of the body of each environment contact; carrier: number of the
-    carrier's site, None if there is none
+    Attributes:
+        base: number of base coordinates.
+        contacts: number of the body of each environment contact, by name.
+        carrier: number of the carrier's site, None if there is none.
+        holders: several hands that hold the tray, the number of the body and the share of each (6, 6); () for one tool.
     """
 
     base: int
     contacts: Mapping[str, int]
     carrier: int | None
+    holders: tuple[tuple[int, Array], ...] = ()
 
 
 def _freeze(value: CarrierMotion | Dynamics) -> None:
@@ -121,7 +135,7 @@ def path_dynamics(model: mujoco.MjModel, frames: Frames, q: Array, q1: Array, q2
     mass_matrix, force_0, moving = np.empty((P, n, n)), np.empty((P, n)), np.empty((P, n))
     jacobians = {name: np.empty((P, 6, n)) for name in frames.contacts}
     contacts = [(J[:, :3], J[:, 3:], frames.contacts[name]) for name, J in jacobians.items()]
-    carrier = _Carrier(model, data, frames.carrier, P) if frames.carrier is not None else None
+    carrier = _Carrier(model, data, frames, P) if frames.carrier is not None else None
     springs = np.any(model.jnt_stiffness) or np.any(model.jnt_stiffnesspoly) or model.ntendon
     for i in range(P):
         data.qpos[:] = q[i]
@@ -155,32 +169,43 @@ def path_dynamics(model: mujoco.MjModel, frames: Frames, q: Array, q1: Array, q2
 class _Carrier:
     """A record of the carrier frame, point by point, and its motion in carrier axes."""
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, site: int, points: int) -> None:
-        jacobian, rate = np.empty((points, 6, model.nv)), np.empty((points, 6, model.nv))
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, frames: Frames, points: int) -> None:
+        site = frames.carrier
+        assert site is not None
         position, rotation = np.empty((points, 3)), np.empty((points, 3, 3))
-        now, turn, body = data.site_xpos[site], data.site_xmat[site].reshape(3, 3), int(model.site_bodyid[site])
-        linear, angular, linear_rate, angular_rate = jacobian[:, :3], jacobian[:, 3:], rate[:, :3], rate[:, 3:]
+        now, turn = data.site_xpos[site], data.site_xmat[site].reshape(3, 3)
+        holders = frames.holders or ((int(model.site_bodyid[site]), np.eye(6)),)
+        bodies = [body for body, _ in holders]
+        jacobians, rates = (np.empty((len(bodies), points, 6, model.nv)) for _ in range(2))
+        parts = [(J[:, :3], J[:, 3:], rate[:, :3], rate[:, 3:]) for J, rate in zip(jacobians, rates, strict=True)]
 
         def record(i: int) -> None:
-            mujoco.mj_jacSite(model, data, linear[i], angular[i], site)
-            mujoco.mj_jacDot(model, data, linear_rate[i], angular_rate[i], now, body)
+            for body, (linear, angular, linear_rate, angular_rate) in zip(bodies, parts, strict=True):
+                mujoco.mj_jac(model, data, linear[i], angular[i], now, body)
+                mujoco.mj_jacDot(model, data, linear_rate[i], angular_rate[i], now, body)
             position[i], rotation[i] = now, turn
 
         self.record = record
-        self._jacobian, self._rate, self._position, self._rotation = jacobian, rate, position, rotation
+        self._jacobians, self._rates, self._position, self._rotation = jacobians, rates, position, rotation
+        self._shares = [share for _, share in holders]
         self._gravity = np.array(model.opt.gravity)
 
     def motion(self, q1: Array) -> CarrierMotion:
-        """Return what was recorded, turned into carrier axes; q1: q'(s) (P, n)."""
-        into, J = self._rotation.transpose(0, 2, 1), self._jacobian
-        bias = (self._rate @ q1[:, :, None])[:, :, 0]
-        return CarrierMotion(
-            position=self._position,
-            rotation=self._rotation,
-            jacobian=np.concatenate((into @ J[:, :3], into @ J[:, 3:]), axis=1),
-            bias=np.concatenate(((into @ bias[:, :3, None])[:, :, 0], (into @ bias[:, 3:, None])[:, :, 0]), axis=1),
-            gravity=into @ self._gravity,
-        )
+        """Return the recorded motion in carrier axes, for q1 = q'(s) (P, n)."""
+        into = self._rotation.transpose(0, 2, 1)
+        bias = (self._rates @ q1[None, :, :, None])[..., 0]
+        local = [np.concatenate((into @ J[:, :3], into @ J[:, 3:]), axis=1) for J in self._jacobians]
+        rates = [
+            np.concatenate(((into @ b[:, :3, None])[:, :, 0], (into @ b[:, 3:, None])[:, :, 0]), axis=1) for b in bias
+        ]
+        if len(local) > 1:  # several hands: the mean motion, weighted by their shares
+            J = sum(share.T @ part for share, part in zip(self._shares, local, strict=True))
+            rate = sum(part @ share for share, part in zip(self._shares, rates, strict=True))
+        else:
+            (J,), (rate,) = local, rates
+        hands = np.stack(local) if len(local) > 1 else None
+        J, rate, gravity = np.asarray(J), np.asarray(rate), into @ self._gravity
+        return CarrierMotion(self._position, self._rotation, J, rate, gravity, hands)
 
 
 def _base_rows_to_wrench(jacobian: Array, forces: tuple[Array, ...], mass_matrix: Array) -> None:

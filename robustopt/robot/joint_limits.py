@@ -34,11 +34,13 @@ FRICTIONS = ("dry_friction", "viscous_friction")
 
 @dataclass(frozen=True)
 class JointLimits:
-    """Limits of the coordinates of a robot, shape (n,) each.
+    """The limits of the coordinates of a robot, shape (n,) each.
 
-    lower, upper: position [rad or m], infinite if the joint is not limited; velocity, acceleration, torque: largest
-    absolute values [rad/s, rad/s^2, N m; for slides m/s, m/s^2, N]; dry_friction [N m or N] and viscous_friction
-    [N m s/rad or N s/m]: of the joints
+    Attributes:
+        lower, upper: position [rad or m], infinite if the joint is not limited.
+        velocity, acceleration, torque: largest absolute values [rad/s, rad/s^2, N m; for slides m/s, m/s^2, N].
+        dry_friction: of the joints [N m or N].
+        viscous_friction: of the joints [N m s/rad or N s/m].
     """
 
     lower: Array

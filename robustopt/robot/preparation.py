@@ -17,9 +17,16 @@ from scipy.spatial.transform import Rotation
 from robustopt.arrays import Array
 from robustopt.config import Config, Pose
 from robustopt.errors import RobotError
-from robustopt.robot.floating_base import base_coordinates, keyframe_posture, replace_free_joint, require_no_springs
+from robustopt.robot.floating_base import (
+    base_coordinates,
+    free_joint_positions,
+    keyframe_posture,
+    replace_free_joint,
+    require_no_springs,
+)
+from robustopt.robot.hands import Hand, shares, tool_frames
 from robustopt.robot.locking import lock_joints
-from robustopt.robot.model_file import USUAL, compile_spec, model_file, read_model
+from robustopt.robot.model_file import USUAL, compile_spec, joint_names, model_file, read_model
 from robustopt.robot.soles import Sole, environment_contacts
 from robustopt.robot.urdf import UrdfLimits
 
@@ -29,13 +36,18 @@ CARRIER_SITE = "robustopt_carrier"
 
 @dataclass(frozen=True)
 class RobotModel:
-    """A robot read from its file.
+    """A robot read from its file and prepared.
 
-    spec: prepared specification for planning, to be compiled; world_spec: the same with the free joint of a floating
-    base in place of six coordinates, for simulations; original: the model as the file has it, with all joints,
-    actuators and limits; urdf_limits: limits of a URDF that MuJoCo does not keep; notes: what was left out, for people;
-    base: number of coordinates of a floating base, 0 or 6; posture: of a walking robot (n,) [m and rad], else None;
-    contacts: environment contacts by name
+    Attributes:
+        spec: specification for planning, to be compiled.
+        world_spec: the same with the free joint of a floating base in place of six coordinates, for simulations.
+        original: the model as the file has it, with all joints, actuators and limits.
+        file: the model file.
+        urdf_limits: limits of a URDF that MuJoCo does not keep.
+        notes: content of the file that was left out, in words.
+        base: number of coordinates of a floating base, 0 or 6.
+        posture: of a walking robot, (n,) [m and rad], else None.
+        contacts: environment contacts by name.
     """
 
     spec: mujoco.MjSpec
@@ -47,14 +59,15 @@ class RobotModel:
     base: int
     posture: Array | None
     contacts: Mapping[str, Sole]
+    hands: tuple[Hand, ...]
 
 
 def load_model(config: Config) -> RobotModel:
     """Read and prepare the robot of a configuration.
 
     Raises:
-        RobotError: if the model cannot be found or read, does not suit the kind of path, or lacks its tool, a joint to
-            lock, or what a walking robot needs: feet, keyframe, no springs
+        RobotError: if the model cannot be found or read, does not suit the path, or lacks its tool or a joint to lock;
+            for a walking robot also if it has springs, or lacks a foot or a keyframe
     """
     file = model_file(config)
     spec, limits, notes = read_model(file)
@@ -62,16 +75,22 @@ def load_model(config: Config) -> RobotModel:
     base = base_coordinates(original, file.name)
     _require_matching_path(config, original, base, file.name)
     posture, contacts = None, {}
+    hands: tuple[Hand, ...] = ()
     if base:
         require_no_springs(original, file.name)
         posture = keyframe_posture(original, file.name)
+        _override_posture(posture, original, config, file.name)
         if config.path.pelvis_height is not None:
             posture[2] = config.path.pelvis_height
         contacts = environment_contacts(original, config.path.rail, file.name)
     for key in list(spec.keys):
         spec.delete(key)
     if not base or config.tray is not None or config.objects:
-        _attach_carrier(spec, original, config, file.name)
+        _require_tools(spec, config, base, file.name)
+        if posture is not None and len(config.robot.tools) > 1:
+            hands = _attach_to_hands(spec, original, config, posture)
+        else:
+            _attach_carrier(spec, original, config)
     lock_joints(spec, original, config.robot.locked, file.name)
     _require_open_chain(spec, file.name)
     _place_base(spec, config.robot.base)
@@ -79,7 +98,7 @@ def load_model(config: Config) -> RobotModel:
     world_spec = spec.copy() if base else spec
     if base:
         replace_free_joint(spec, original)
-    return RobotModel(spec, world_spec, original, file, limits, notes, base, posture, contacts)
+    return RobotModel(spec, world_spec, original, file, limits, notes, base, posture, contacts, hands)
 
 
 def _require_matching_path(config: Config, model: mujoco.MjModel, base: int, file: str) -> None:
@@ -87,7 +106,7 @@ def _require_matching_path(config: Config, model: mujoco.MjModel, base: int, fil
     if config.path.steps is not None and not base:
         raise RobotError(
             f"{file} has no free joint, so it cannot walk along path.steps; give a model whose first joint is free, or "
-            "path.tray_poses or path.joints",
+            "another path, such as path.joints",
             key="robot.model",
         )
     if config.path.steps is None and base:
@@ -109,25 +128,68 @@ def _require_open_chain(spec: mujoco.MjSpec, file: str) -> None:
         )
 
 
-def _attach_carrier(spec: mujoco.MjSpec, original: mujoco.MjModel, config: Config, file: str) -> None:
-    """Add the site of the carrier frame: the tray's pose in the frame of the tool, or the tool itself."""
-    tool = config.robot.tool
+def _override_posture(posture: Array, model: mujoco.MjModel, config: Config, file: str) -> None:
+    """Put the joint positions of `robot.posture` into a posture (n,)."""
+    names = joint_names(model)[1:]
+    for joint, value in config.robot.posture.items():
+        if joint not in names:
+            known = ", ".join(names)
+            raise RobotError(f"{file} has no joint {joint}; its joints are: {known}", key="robot.posture")
+        posture[len(posture) - len(names) + names.index(joint)] = value
+
+
+def _require_tools(spec: mujoco.MjSpec, config: Config, base: int, file: str) -> None:
+    """Check that the tools exist, and that several of them are hands of a walking robot that hold a tray."""
     sites, bodies = [item.name for item in spec.sites], [item.name for item in spec.bodies[1:]]
-    if tool not in sites and tool not in bodies:
-        raise RobotError(
-            f"{file} has no site or body {tool!r}; its sites are: {', '.join(filter(None, sites)) or '(none)'}; "
-            f"its bodies are: {', '.join(filter(None, bodies))}",
-            key="robot.tool",
-        )
-    body = spec.site(tool).parent if tool in sites else spec.body(tool)
+    tools = config.robot.tools
+    for tool in tools:
+        if tool not in sites and tool not in bodies:
+            raise RobotError(
+                f"{file} has no site or body {tool!r}; its sites are: {', '.join(filter(None, sites)) or '(none)'}; "
+                f"its bodies are: {', '.join(filter(None, bodies))}",
+                key="robot.tool",
+            )
+    if len(tools) > 1 and not base:
+        raise RobotError("only a walking robot holds a tray with several hands; give one tool", key="robot.tool")
+
+
+def _attach_carrier(spec: mujoco.MjSpec, original: mujoco.MjModel, config: Config) -> None:
+    """Add the site of the carrier frame: the tray's pose in the frame of the tool, or the tool itself."""
+    (tool,) = config.robot.tools
+    is_site = tool in [item.name for item in spec.sites]
+    body = spec.site(tool).parent if is_site else spec.body(tool)
     pose = Pose() if config.tray is None else config.tray.pose
     tool_position, tool_rotation = np.zeros(3), Rotation.identity()
-    if tool in sites:
+    if is_site:
         tool_position = original.site(tool).pos
         tool_rotation = Rotation.from_quat(original.site(tool).quat, scalar_first=True)
     rotation = tool_rotation * Rotation.from_quat(_quaternion(pose), scalar_first=True)
     position = tool_position + tool_rotation.apply(pose.position)
     body.add_site(USUAL.default, name=CARRIER_SITE, pos=position, quat=rotation.as_quat(scalar_first=True))
+
+
+def _attach_to_hands(spec: mujoco.MjSpec, original: mujoco.MjModel, config: Config, posture: Array) -> tuple[Hand, ...]:
+    """Add the site of the carrier frame of several hands: the tray's pose in a frame in the middle of them.
+
+    Returns:
+        The hands, at their places in the posture of the robot (n,).
+    """
+    tools, qpos = config.robot.tools, free_joint_positions(posture[None])[0]
+    position, axes, bodies = tool_frames(original, qpos, tools)
+    pose = Pose() if config.tray is None else config.tray.pose
+    first = Rotation.from_matrix(axes[0])
+    origin = position.mean(axis=0) + first.apply(pose.position)
+    turn = first * Rotation.from_quat(_quaternion(pose), scalar_first=True)
+    data, body = mujoco.MjData(original), original.body(bodies[0]).id
+    data.qpos[:] = qpos
+    mujoco.mj_kinematics(original, data)
+    into = Rotation.from_matrix(data.xmat[body].reshape(3, 3)).inv()
+    spec.body(bodies[0]).add_site(
+        USUAL.default, name=CARRIER_SITE, pos=into.apply(origin - data.xpos[body]),
+        quat=(into * turn).as_quat(scalar_first=True),
+    )  # fmt: skip
+    points = turn.inv().apply(position - origin)
+    return tuple(Hand(*item) for item in zip(tools, bodies, points, shares(points), strict=True))
 
 
 def _place_base(spec: mujoco.MjSpec, base: Pose) -> None:

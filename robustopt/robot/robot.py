@@ -2,8 +2,8 @@
 
 An arm and a walking robot are one class. A walking robot has six base coordinates before its joints, which no motor
 drives, and environment contacts: its feet, and a hand that rests on a rail. Contacts, constraints, joint damping, dry
-friction and gravity compensation are switched off in the model: limits and joint friction are data of `JointLimits`,
-and the caller adds the payload.
+friction and gravity compensation are switched off in the model. Limits and joint friction are data of `JointLimits`;
+the caller adds the payload.
 """
 
 from __future__ import annotations
@@ -31,33 +31,41 @@ LEAST_JOINTS = 6
 class Robot:
     """A robot without actuators, contacts and payload.
 
-    n: number of coordinates; base: number of them that belong to a floating base, 6 of a walking robot, else 0;
-    motors: slice of the coordinates that motors drive; joint_names: (n,) base coordinates first; limits: of the
-    coordinates, infinite for the base; hinges: (n,) True for a turning joint, False for a sliding one; ranges: (n, 2)
-    of the joints in the model file [rad or m]; spec: the links, to be copied and added to; world_spec: the links with
-    a free joint in place of the base coordinates, for simulations; original: the model as its file has it; notes: what
-    of the model file was left out; up: (3,) unit vector against gravity, world; mass: of all links [kg]; body_names:
-    of the bodies that have a mass; posture: (n,) position that coordinates keep if the path does not prescribe them
-    [rad or m]; contacts: contact points of the environment contacts by name; chains: indices of the joints between
-    base and contact, by contact; limbs: indices of the joints in a chain that move no other foot or hand, six for a
-    foot, at least six for a hand; has_carrier: True if the robot has a carrier frame
+    Attributes:
+        n: number of coordinates.
+        base: number of the coordinates that belong to a floating base: 6 of a walking robot, else 0.
+        motors: slice of the coordinates that motors drive.
+        joint_names: names of the coordinates, base first, (n,).
+        limits: of the coordinates, infinite for the base.
+        hinges: True for a coordinate that turns, False for one that slides, (n,).
+        ranges: of the joints in the model file, (n, 2) [rad or m].
+        spec: the links, to be copied and added to.
+        world_spec: the links with a free joint in place of the base coordinates, for simulations.
+        original: the model as its file has it, with all joints and actuators.
+        notes: content of the model file that was left out, in words.
+        up: unit vector against gravity, world, (3,).
+        mass: of all links [kg].
+        body_names: names of the bodies that have a mass.
+        posture: position that coordinates keep if the path does not prescribe it, (n,) [rad or m].
+        contacts: contact points of the environment contacts, by name.
+        chains: indices of the joints between the base and a contact, by contact.
+        limbs: indices of the joints that move a contact and no other foot or hand, by contact; six for a foot, at least
+            six for a hand.
+        has_carrier: True if the robot has a carrier frame.
+        hands: several hands that hold the tray together, () for a single tool.
     """
 
     def __init__(self, parts: RobotModel, model: mujoco.MjModel, limits: JointLimits) -> None:
         _switch_off_all_but_the_links(model)
-        self.spec, self.world_spec, self.original, self.notes = (
-            parts.spec,
-            parts.world_spec,
-            parts.original,
-            parts.notes,
-        )
+        self.spec, self.world_spec = parts.spec, parts.world_spec
+        self.original, self.notes = parts.original, parts.notes
         self.base, self.motors = parts.base, slice(parts.base, None)
         self.n, self.joint_names, self.limits = model.nv, joint_names(model), limits
         self.hinges = model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE
         self.ranges = model.jnt_range.copy()
-        self._gravity = np.array(model.opt.gravity)
-        weight = float(np.linalg.norm(self._gravity))
-        self.up = -self._gravity / weight if weight > 0 else np.array([0.0, 0.0, 1.0])
+        gravity = np.array(model.opt.gravity)
+        size = float(np.linalg.norm(gravity))
+        self.up: Array = -gravity / size if size > 0 else np.array([0.0, 0.0, 1.0])
         self.mass = float(model.body_mass.sum())
         self.body_names = tuple(model.body(k).name for k in range(model.nbody) if model.body_mass[k] > 0)
         self.posture: Array = model.qpos0.copy() if parts.posture is None else parts.posture
@@ -69,7 +77,9 @@ class Robot:
             base=self.base,
             contacts={name: int(model.site_bodyid[site]) for name, site in self._sites.items()},
             carrier=model.site(CARRIER_SITE).id if CARRIER_SITE in sites else None,
+            holders=tuple((model.body(hand.body).id, hand.share) for hand in parts.hands),
         )
+        self.hands = parts.hands
         self.has_carrier = self._frames.carrier is not None
         self.chains = {name: self._chain(name) for name in self.contacts}
         self.limbs = {name: self._limb(name) for name in self.contacts}

@@ -18,9 +18,10 @@ FLAT = 1e-6
 
 @dataclass(frozen=True)
 class Sole:
-    """Contact points of a foot or hand, counter-clockwise.
+    """The contact points of a foot or hand.
 
-    points: (k, 3) in the frame of its site [m], in the plane z = 0
+    Attributes:
+        points: counter-clockwise in the plane z = 0 of the frame of its site, (k, 3) [m].
     """
 
     points: Array

@@ -1,4 +1,4 @@
-"""URDF files for MuJoCo: looks and meshes that cannot be found are left out, limits that MuJoCo drops are kept."""
+"""URDF files for MuJoCo, without looks and missing meshes, and the limits in them that MuJoCo drops."""
 
 from __future__ import annotations
 
@@ -14,21 +14,34 @@ MESH_FORMATS = frozenset({".stl", ".obj", ".msh"})
 
 @dataclass(frozen=True)
 class UrdfLimits:
-    """Joint limits of a URDF file by joint name: speed [rad/s or m/s] and torque or force [N m or N]."""
+    """The joint limits of a URDF file by joint name.
+
+    Attributes:
+        velocity: largest speed [rad/s or m/s].
+        effort: largest torque or force [N m or N].
+    """
 
     velocity: Mapping[str, float] = field(default_factory=dict)
     effort: Mapping[str, float] = field(default_factory=dict)
 
 
 def is_urdf(file: Path) -> bool:
-    """Whether the file is a URDF: by its suffix, or because its root element is `robot`."""
+    """Return True for a URDF file: one with that suffix, or with the root element `robot`."""
     return file.suffix.lower() == ".urdf" or "<robot" in file.read_text(encoding="utf-8", errors="replace")[:4000]
 
 
 def read_urdf(file: Path, resolve_package: Callable[[str], Path | None]) -> tuple[str, UrdfLimits, tuple[str, ...]]:
-    """Text of the URDF that MuJoCo can read, its limits, and a note for everything that was left out.
+    """Read a URDF file for MuJoCo.
 
-    Raises ValueError if the file is not well-formed XML.
+    Args:
+        file: the URDF file
+        resolve_package: finds the file that `package://NAME/...` names
+
+    Returns:
+        text that MuJoCo can read; the joint limits; notes on content that was left out
+
+    Raises:
+        ValueError: if the file is not well-formed XML, or a xacro file
     """
     text = file.read_text(encoding="utf-8")
     try:
@@ -56,7 +69,7 @@ def read_urdf(file: Path, resolve_package: Callable[[str], Path | None]) -> tupl
 
 
 def _notes(without: Sequence[tuple[str, str]]) -> tuple[str, ...]:
-    """A note about the collision meshes that were left out, (link, file), if there are any."""
+    """Note the collision meshes that were left out, pairs of link and file, if there are any."""
     if not without:
         return ()
     links, formats = ", ".join(dict.fromkeys(link for link, _ in without)), ", ".join(sorted(MESH_FORMATS))
@@ -84,7 +97,7 @@ def _set_compiler(root: ET.Element) -> None:
 
 
 def _limits(root: ET.Element) -> UrdfLimits:
-    """Limits as written; zero or less stands for a limit that was not filled in."""
+    """Return the limits as written; zero or less stands for a limit that was not filled in."""
     velocity: dict[str, float] = {}
     effort: dict[str, float] = {}
     for joint in root.iter("joint"):

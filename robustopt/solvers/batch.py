@@ -1,8 +1,8 @@
-"""Plans of one task for many settings of what is believed: friction, masses, centres of mass, errors.
+"""Plan one task for many settings of friction, masses, centres of mass, forces and errors.
 
-Robot, path and their dynamics are shared; what a setting changes is computed anew, by the functions that plan a single
-task. So a plan of a batch is the plan of its setting bit for bit. Where only durations are asked for, and the work is
-worth it, several processes share it: the result does not depend on their number.
+All settings share the robot, the path and their dynamics; the rest is computed anew, by the functions that plan a
+single task. So a plan of a batch equals the plan of its setting alone, bit for bit. If only durations are wanted and
+the work is worth it, several processes share it; the result does not depend on their number.
 """
 
 from __future__ import annotations
@@ -17,20 +17,21 @@ from typing import Any
 
 import numpy as np
 
+from robustopt.arrays import Array
 from robustopt.config import Config
 from robustopt.config.document import Key, split_key
 from robustopt.config.load import with_values
+from robustopt.config.per_name import value_of
 from robustopt.errors import ConfigError, SolverFailed
 from robustopt.limits import TimeScalingProblem, rows_along, track_of
 from robustopt.limits.track import Track
 from robustopt.processes import begun, cores, in_processes
 from robustopt.solvers import Plan, Status, solve
 
-Array = np.ndarray
 Setting = Mapping[str, float | Sequence[float]]
 """Values by configuration key, such as {"contact.friction.upper": 0.3, "uncertainty.center_of_mass.upper.2": 0.01}."""
 
-BELIEFS = (
+VARYING = (
     "contact.friction",
     "uncertainty.friction",
     "uncertainty.contact_points",
@@ -44,42 +45,55 @@ BELIEFS = (
     "objects.*.mass",
     "objects.*.center_of_mass",
     "objects.*.inertia",
+    "objects.*.held_by.suction.force",
+    "objects.*.held_by.grip.force",
 )
-"""Keys, or sections of keys, that may differ between the settings of a batch: they concern neither robot nor path."""
+"""Keys, or sections of keys, that may vary within a batch: neither the robot nor the path depends on them."""
 
 ALONE, STARTED = (0.3, 2.0), (0.05, 0.3)
-"""How long one process plans before it asks what is left, and the work that it then shares with others [s]: where these
-must be started, which takes about as long, and where they are there already."""
+"""Time that one process plans before it decides, and least remaining work that it then shares [s]: if the workers must
+be started first, which takes about as long, and if they are running."""
 
 PARTS = 8
-"""Parts of the work for each process, so that none waits long for the others."""
+"""Parts of the work per process, so that no process waits long for the others."""
 
 PER_NAME = ("contact.friction", "uncertainty.friction", "uncertainty.contact_points")
-"""Keys with one value for all objects or feet, or one per name."""
+"""Keys with one value for all contacts, or one per name."""
 
 
 class BatchPlanner:
-    """Fastest plans of a configuration for any number of settings of its beliefs, by `reachability`.
+    """Planner of a configuration for any number of settings, by `reachability`.
 
-    Raises ConfigError, RobotError or PathError where the configuration cannot be used. workers: processes that
-    durations may be shared among, by default one for each core.
+    Raises ConfigError, RobotError or PathError on first use if the configuration cannot be used.
+
+    Attributes:
+        config: the configuration.
+        workers: largest number of processes that share the computation of durations.
     """
 
     def __init__(self, config: Config, workers: int | None = None) -> None:
+        """Make the planner of a configuration; by default with one worker per processor core."""
         self.config = config
         self.workers = min(workers or cores(), cores())
         self._durations: dict[tuple[Any, ...], float] = {}
 
     @cached_property
     def track(self) -> Track:
-        """What all plans share."""
+        """Return the robot and the path with their dynamics, which all plans share."""
         return track_of(self.config)
 
     def durations(self, settings: Sequence[Setting]) -> Array:
-        """Duration of the plan of each setting, (k,) [s]; infinite where there is none. Each is computed once.
+        """Return the duration of the plan of each setting; each is computed once.
 
-        Raises ConfigError where a key is no belief, or a value is not allowed, and SolverFailed where the solver stops
-        without an answer.
+        Args:
+            settings: k settings.
+
+        Returns:
+            Durations (k,) [s], infinite if there is no plan.
+
+        Raises:
+            ConfigError: a key cannot vary, or a value is not allowed.
+            SolverFailed: the solver stops without an answer.
         """
         keys = [_identity(setting) for setting in settings]
         new = {key: setting for key, setting in zip(keys, settings, strict=True) if key not in self._durations}
@@ -87,8 +101,8 @@ class BatchPlanner:
         return np.array([self._durations[key] for key in keys])
 
     def plan_durations(self, settings: Sequence[Setting]) -> Array:
-        """The same, computed anew."""
-        found = [self._duration(setting) for setting in settings[:1]]  # this makes what all plans share
+        """Return the same as `durations`, computed anew."""
+        found = [self._duration(setting) for setting in settings[:1]]  # makes the track, which is not part of the pace
         began = time.perf_counter()
         for count, setting in enumerate(settings[1:], 1):
             found.append(self._duration(setting))
@@ -105,12 +119,12 @@ class BatchPlanner:
         return [duration for part in in_processes(_durations, parts, self.workers, SolverFailed) for duration in part]
 
     def plans(self, settings: Sequence[Setting]) -> list[Plan]:
-        """The plan of each setting: what `solve(build_problem(config), "reachability")` gives for it."""
+        """Return the plan of each setting, as `solve(build_problem(config), "reachability")` finds it."""
         return [self._plan(setting) for setting in settings]
 
     def problem(self, setting: Setting) -> TimeScalingProblem:
-        """The problem of a setting."""
-        return rows_along(self.track, with_beliefs(self.config, setting))
+        """Return the problem of a setting."""
+        return rows_along(self.track, with_setting(self.config, setting))
 
     def _plan(self, setting: Setting) -> Plan:
         return solve(self.problem(setting), "reachability")
@@ -124,51 +138,66 @@ class BatchPlanner:
 
 
 def _durations(task: bytes, settings: Sequence[Setting]) -> list[float]:
-    """What a worker process does. task: a pickled configuration"""
+    """Return the durations of settings, in a worker process; task: the pickled configuration."""
     planner = _planner_of(task)
     return [planner._duration(setting) for setting in settings]
 
 
 @lru_cache(maxsize=1)
 def _planner_of(task: bytes) -> BatchPlanner:
-    """The planner of a worker process, kept from part to part of the same task."""
+    """Return the planner of a worker process, kept from part to part of the same task."""
     return BatchPlanner(pickle.loads(task), workers=1)
 
 
 def solve_batch(config: Config, settings: Sequence[Setting]) -> list[Plan]:
-    """The fastest plan of a configuration for each setting of its beliefs, by `reachability`."""
+    """Return the minimum-time plan of a configuration for each setting, by `reachability`.
+
+    Args:
+        config: the configuration.
+        settings: values by key, for each plan.
+
+    Raises:
+        ConfigError: the configuration cannot be used, a key cannot vary, or a value is not allowed.
+        RobotError: the robot cannot be used.
+        PathError: the path cannot be followed.
+    """
     return BatchPlanner(config).plans(settings)
 
 
-def with_beliefs(config: Config, setting: Setting) -> Config:
-    """A copy of a configuration with other beliefs.
+def with_setting(config: Config, setting: Setting) -> Config:
+    """Return a copy of a configuration with the values of a setting.
 
-    A key may name a part of what the configuration writes shorter or not at all: one object's friction where all have
-    the same, one axis of a centre of mass, one end of an interval. Raises ConfigError where a key is no belief, or a
-    value is not allowed.
+    A key may name a part of a value that the configuration abbreviates or omits: the friction of one object if all have
+    the same, one axis of a centre of mass, one end of an interval.
+
+    Args:
+        config: the configuration.
+        setting: values by key.
+
+    Raises:
+        ConfigError: a key cannot vary, or a value is not allowed.
     """
     written: dict[str, Any] = {}
     for key in setting:
-        _require_belief(config, key)
+        _require_varying(config, key)
         written.update(_written_out(config, split_key(key)))
     return with_values(config, {**written, **setting})
 
 
-def _require_belief(config: Config, key: str) -> None:
+def _require_varying(config: Config, key: str) -> None:
     parts = split_key(key)
-    section = ".".join(map(str, parts[:2]))
     if parts[0] == "objects" and len(parts) > 2:
         if parts[1] not in config.objects:
             raise ConfigError(f"nothing is called {parts[1]}; expected one of {', '.join(config.objects)}", key)
-        section = f"objects.*.{parts[2]}"
-    if section not in BELIEFS:
-        hint = "".join(f"did you mean {near}? " for near in difflib.get_close_matches(section, BELIEFS, n=1))
-        message = f"is no belief that settings may differ in; {hint}expected a value of {', '.join(BELIEFS)}"
-        raise ConfigError(message, key)
+        parts = ("objects", "*", *parts[2:])
+    if not any(parts[: len(allowed)] == allowed for allowed in map(split_key, VARYING)):
+        near = difflib.get_close_matches(".".join(map(str, parts)), VARYING, n=1)
+        hint = f"did you mean {near[0]}? " if near else ""
+        raise ConfigError(f"cannot vary within a batch; {hint}keys that can: {', '.join(VARYING)}", key)
 
 
 def _written_out(config: Config, key: Key) -> dict[str, Any]:
-    """Values of sections around a key as they would be written for the key to have its place in them."""
+    """Return the values around a key in full, if the configuration abbreviates them, so that the key has a place."""
     section, kind, *inner = key
     if section == "objects" or not inner:
         return {}
@@ -178,22 +207,28 @@ def _written_out(config: Config, key: Key) -> dict[str, Any]:
     if part in PER_NAME and isinstance(name, str) and not isinstance(whole, dict) and whole is not None:
         result[part] = {"default": whole}
     if part == "uncertainty.friction" and isinstance(inner[-1], int):
-        given = {} if whole is None else whole if isinstance(whole, dict) else {"": whole, "default": whole}
-        believed = config.contact.friction
-        place = name if isinstance(name, str) else ""
-        interval = given.get(place, given.get("default"))
-        if interval is None:
-            value = believed.get(place, believed.get("default")) if isinstance(believed, dict) else believed
-            interval = None if value is None else (value, value)
-        if interval is not None and place not in given:
-            result[f"{part}.{place}" if place else part] = interval
+        result |= _friction_interval(config, name if isinstance(name, str) else "")
     elif part in ("uncertainty.center_of_mass", "uncertainty.mass") and len(inner) > 1 and name not in whole:
-        item = config.tray if name == "tray" else config.objects.get(str(name))
-        if kind == "center_of_mass" and (item is not None or config.walks):
-            result[f"{part}.{name}"] = (0.0, 0.0, 0.0)
-        elif item is not None:
-            result[f"{part}.{name}"] = (item.mass, item.mass)
+        result |= _body_interval(config, str(kind), str(name))
     return result
+
+
+def _friction_interval(config: Config, name: str) -> dict[str, Any]:
+    """Return the interval of friction of a contact, or of all contacts if the name is empty, unless it is given."""
+    whole, key = config.uncertainty.friction, "uncertainty.friction"
+    given = whole if isinstance(whole, dict) else {} if whole is None else {"": whole, "default": whole}
+    nominal = value_of(config.contact.friction, (name,), None)
+    interval = given.get("default", None if nominal is None else (nominal, nominal))
+    return {} if name in given or interval is None else {f"{key}.{name}" if name else key: interval}
+
+
+def _body_interval(config: Config, kind: str, name: str) -> dict[str, Any]:
+    """Return the interval of zero width of the mass or centre of mass of a body."""
+    body, key = config.tray if name == "tray" else config.objects.get(name), f"uncertainty.{kind}.{name}"
+    if kind == "center_of_mass":
+        known = body is not None or config.path.steps is not None  # with steps it may be a body of the robot
+        return {key: (0.0, 0.0, 0.0)} if known else {}
+    return {} if body is None else {key: (body.mass, body.mass)}
 
 
 def _identity(setting: Setting) -> tuple[Any, ...]:

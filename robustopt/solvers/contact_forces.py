@@ -1,8 +1,8 @@
-"""Planned contact forces of a robot on its feet: how its contacts share the load, smoothly along the plan.
+"""Planned contact forces of a walking robot, which its contacts share smoothly along the plan.
 
-The wrench that the motion needs is distributed over the contacts by `load_sharing`: both feet, and a hand on a rail. A
-foot that will lift or has landed fades out and in while both feet stand, so that its force does not jump where the
-stance changes (our choice). The joint torques with these forces are the feedforward of an execution.
+`load_sharing` distributes the required wrench over the contacts: both feet, and a hand on a rail. While both feet
+stand, a foot that has landed fades in and one that will lift fades out, so that its force does not jump when the stance
+changes (our choice). The joint torques with these forces are the feedforward of an execution.
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from robustopt.arrays import Array, Indices
 from robustopt.config import BASE_COORDINATES as BASE
 from robustopt.config import FEET
-from robustopt.errors import ProblemInfeasible
+from robustopt.errors import Infeasible
 from robustopt.limits.load_sharing import distribute, willingness
 from robustopt.limits.torque import Sharing
 from robustopt.path import Path
@@ -25,26 +26,28 @@ from robustopt.solvers.trajectory import Trajectory
 if TYPE_CHECKING:
     from robustopt.solvers.plan import Plan
 
-Array = np.ndarray
-
 FADE = 0.6
-"""Part of a phase on both feet over which a foot that has landed takes up its share, or one that will lift drops it."""
+"""Part of a phase on both feet over which a foot fades in after landing, or fades out before lifting (our choice)."""
 
 LEAST_SHARE = 1e-4
-"""Share of a foot at the moment it lifts or lands, against 1 when it stands."""
+"""Share of a foot at the moment it lifts or lands, relative to 1 when it stands: 0 would make the program singular."""
 
 
 @dataclass(frozen=True, eq=False)
 class ContactForces:
     """Contact forces and joint torques of a plan at M instants, in the order of time.
 
-    The first and the last are those of standing still; in between are the start and the end of every interval, so that
-    where sdd jumps there are two instants at the same time.
+    At the first and the last instant the robot stands still. In between are the start and the end of every interval, so
+    a jump of sdd has two instants at the same time.
 
-    t, s: time and place (M,); forces: per contact at its points (M, k, 3), world [N], 0 for a foot in the air; points:
-    of each contact (M, k, 3), world [m], as the planner counts on them, where a foot stood last while in the air; axes:
-    of each contact as columns (3, 3), its normal last; torque: (M, n) [N m], 0 for the base; residual: (M,) what the
-    wrench misses, as a fraction of the weight
+    Attributes:
+        t: time (M,) [s].
+        s: position along the path (M,).
+        forces: force at each point of each contact, world frame, (M, k, 3) [N]; 0 for a foot in the air.
+        points: certain contact points, world frame, (M, k, 3) [m]; the last ones for a foot in the air.
+        axes: axes of each contact as columns, its normal last, world frame, (3, 3).
+        torque: joint torques (M, n) [N m]; 0 for the base.
+        residual: part of the required wrench that the forces miss, as a fraction of the weight (M,).
     """
 
     t: Array
@@ -56,22 +59,28 @@ class ContactForces:
     residual: Array
 
     def total(self, contact: str) -> Array:
-        """Force on a contact, (M, 3), world [N]."""
+        """Return the force on a contact, world frame, (M, 3) [N]."""
         return np.asarray(self.forces[contact].sum(axis=1))
 
     def pressed(self, contact: str) -> Array:
-        """The same in the axes of the contact, the normal force last, (M, 3) [N]."""
+        """Return the force on a contact in its own axes, the normal force last, (M, 3) [N]."""
         return np.asarray(self.total(contact) @ self.axes[contact])
 
     def wrench(self, contact: str) -> Array:
-        """Force and moment on a contact about the middle of its points, world axes, (M, 6) [N, N m]."""
+        """Return the wrench on a contact about the centroid of its points, world axes, (M, 6) [N, N m]."""
         arm = self.points[contact] - self.points[contact].mean(axis=1, keepdims=True)
         moment = np.cross(arm, self.forces[contact]).sum(axis=1)
         return np.concatenate([self.total(contact), moment], axis=1)
 
     def center_of_pressure(self, contact: str | None = None) -> Array:
-        """Centre of pressure of a contact, or of both feet, (M, 2), x and y in the world [m]; nan where nothing
-        presses."""
+        """Return the centre of pressure of a contact, or by default of both feet.
+
+        Args:
+            contact: name of the contact.
+
+        Returns:
+            x and y in the world (M, 2) [m]; nan without normal force.
+        """
         names = FEET if contact is None else [contact]
         pressure = np.concatenate([self.forces[name] @ self.axes[name][:, 2] for name in names], axis=1)
         points = np.concatenate([self.points[name][..., :2] for name in names], axis=1)
@@ -80,7 +89,14 @@ class ContactForces:
         return np.asarray((pressure[:, :, None] * points).sum(axis=1) / some[:, None])
 
     def sample(self, t: Array) -> tuple[Array, dict[str, Array]]:
-        """Joint torque (T, n) and force on each contact (T, 3) at times t (T,), linear in between; constant outside."""
+        """Return joint torques and contact forces at given times, interpolated linearly, constant outside the plan.
+
+        Args:
+            t: times (T,) [s].
+
+        Returns:
+            Joint torques (T, n) [N m], and the force on each contact, world frame, (T, 3) [N].
+        """
         late = np.searchsorted(self.t, t, side="right")
         first = np.clip(late - 1, 0, len(self.t) - 1)
         second = np.clip(late, 0, len(self.t) - 1)
@@ -94,13 +110,20 @@ class ContactForces:
 
 
 def planned_forces(plan: Plan) -> ContactForces:
-    """Contact forces of a plan of a robot on its feet. Raises ProblemInfeasible for a plan that was not found."""
+    """Return the contact forces of a plan of a walking robot.
+
+    Args:
+        plan: the plan.
+
+    Raises:
+        Infeasible: the plan has no timing, or the robot has no environment contacts.
+    """
     if plan.x.size == 0:
-        raise ProblemInfeasible(f"There are no forces: {plan.message}")
+        raise Infeasible(f"There are no contact forces: {plan.message}")
     problem = plan.problem
     sharing, path = problem.limits.torque.sharing, problem.path
     if sharing is None:
-        raise ProblemInfeasible("There are no environment contacts: the robot has no floating base.")
+        raise Infeasible("There are no environment contacts: the robot has no floating base.")
     trajectory = Trajectory.from_plan(plan)
     interval = np.arange(len(plan.u))
     points = np.concatenate([[0], np.column_stack([interval, interval + 1]).ravel(), [len(plan.s) - 1]])
@@ -109,20 +132,20 @@ def planned_forces(plan: Plan) -> ContactForces:
     middle = np.concatenate([[0.0], np.repeat(0.5 * (plan.s[:-1] + plan.s[1:]), 2), [1.0]])
     phases = len(path.stances)
     stance = np.minimum((middle * phases).astype(int), phases - 1)
-    load = _nominal_force(sharing, points, u, x)
-    forces, corners, residual = _forces(sharing, path, plan.s[points], stance, load)
+    required = _nominal_force(sharing, points, u, x)
+    forces, corners, residual = _forces(sharing, path, plan.s[points], stance, required)
     return ContactForces(
         t=trajectory.times[points],
         s=plan.s[points],
         forces=forces,
         points=corners,
         axes={name: place.axes for name, place in path.stances[0].places.items()},
-        torque=_torque(sharing.dynamics, points, load, forces, corners),
+        torque=_torque(sharing.dynamics, points, required, forces, corners),
         residual=residual,
     )
 
 
-def _nominal_force(sharing: Sharing, points: Array, u: Array, x: Array) -> Array:
+def _nominal_force(sharing: Sharing, points: Indices, u: Array, x: Array) -> Array:
     """Return the nominal generalised force at grid points (M,), without acceleration error, (M, n) [N, N m]."""
     dynamics = sharing.dynamics
     force = dynamics.force_u[points] * u[:, None] + dynamics.force_x[points] * x[:, None] + dynamics.force_0[points]
@@ -133,9 +156,9 @@ def _nominal_force(sharing: Sharing, points: Array, u: Array, x: Array) -> Array
 
 
 def _forces(
-    sharing: Sharing, path: Path, s: Array, stance: Array, load: Array
+    sharing: Sharing, path: Path, s: Array, stance: Indices, required: Array
 ) -> tuple[dict[str, Array], dict[str, Array], Array]:
-    """Forces and points of all contacts (M, k, 3), and what the wrench misses (M,)."""
+    """Return forces and points of all contacts (M, k, 3), and the part of the wrench that the forces miss (M,)."""
     count = {name: len(points) for name, points in sharing.soles.items()}
     forces = {name: np.zeros((len(s), k, 3)) for name, k in count.items()}
     corners = {name: np.zeros((len(s), k, 3)) for name, k in count.items()}
@@ -149,7 +172,7 @@ def _forces(
             weights[:, part] = shares[name][:, None]
         center = np.mean([own.places[name].position for name in own.places if name in FEET], axis=0)
         generators = system.about([center]).generators
-        wrench = load[here, :BASE].copy()
+        wrench = required[here, :BASE].copy()
         wrench[:, 3:] -= np.cross(center, wrench[:, :3])
         along, residual[here] = distribute(generators, weights, wrench, family.weight)
         for name, part in parts.items():
@@ -161,14 +184,14 @@ def _forces(
 
 
 def _corners(sharing: Sharing, path: Path, stance: int, name: str) -> Array:
-    """Points of a contact (k, 3) where it rests in a stance, or did last."""
+    """Return the points of a contact (k, 3) in a stance, or in the last one before in which it rested."""
     while name not in path.stances[stance].places:
         stance -= 1
     return path.stances[stance].places[name].world(sharing.soles[name])
 
 
 def _shares(path: Path, stance: int, s: Array) -> dict[str, Array]:
-    """How willingly each contact is used, (M,): a foot less after it landed and before it lifts."""
+    """Return how willingly each contact is used, (M,): a foot less after it landed and before it lifts."""
     own, stances = path.stances[stance], path.stances
     part = (s - own.begin) / (own.end - own.begin)
     shares = {}
@@ -183,16 +206,16 @@ def _shares(path: Path, stance: int, s: Array) -> dict[str, Array]:
 
 
 def _ramp(t: Array) -> Array:
-    """Smooth step from LEAST_SHARE at 0 to 1 at 1."""
+    """Return the smooth step from LEAST_SHARE at 0 to 1 at 1."""
     t = np.clip(t, 0.0, 1.0)
     return np.asarray(LEAST_SHARE + (1.0 - LEAST_SHARE) * t * t * (3.0 - 2.0 * t))
 
 
 def _torque(
-    dynamics: Dynamics, points: Array, load: Array, forces: Mapping[str, Array], corners: Mapping[str, Array]
+    dynamics: Dynamics, points: Indices, required: Array, forces: Mapping[str, Array], corners: Mapping[str, Array]
 ) -> Array:
-    """Joint torques (M, n) that are left for the motors, 0 for the base."""
-    torque = load.copy()
+    """Return the joint torques that are left for the motors (M, n), 0 for the base."""
+    torque = required.copy()
     for name, pushes in forces.items():
         moment = np.cross(corners[name], pushes).sum(axis=1)
         wrench = np.concatenate([pushes.sum(axis=1), moment], axis=1)

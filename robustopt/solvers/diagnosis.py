@@ -1,9 +1,9 @@
-"""Why a problem has no solution: the limits in conflict, and the smallest change of each that would resolve it.
+"""Diagnosis of an infeasible problem: the limits in conflict, and for each key the smallest change that resolves them.
 
-A set of limits is in conflict if the problem has no solution with these alone, and has one as soon as any of them is
-dropped: an irreducible infeasible subset, found by dropping the limits one after the other. A remedy is a key of the
-configuration and the value nearest to its present one with which the whole problem has a solution, found by bisection
-between the present value and the most generous one (our choice).
+Limits are in conflict if the problem has no solution with them alone, and has one as soon as any of them is dropped: an
+irreducible infeasible subset, found by dropping the limits one after the other. A remedy is a key of the configuration
+and the value, nearest to the present one, with which the whole problem has a solution. It is found by bisection between
+the present value and the most generous one (our choice).
 """
 
 from __future__ import annotations
@@ -22,14 +22,19 @@ from robustopt.solvers import Plan, Status, solve, standstill
 from robustopt.solvers.remedies import Candidate, candidates
 
 BISECTIONS = 12
-"""Halvings of a remedy's interval: a value is found to 1/4096 of the way to the most generous one."""
+"""Halvings of a remedy's interval: the value is accurate to 1/4096 of the way to the most generous one."""
 
 
 @dataclass(frozen=True)
 class Remedy:
-    """A change of one key: `found` is its value now, `needed` the nearest one that resolves the conflict of `limits`.
+    """A change of one key that resolves a conflict.
 
-    enough: whether it makes the whole problem solvable by itself
+    Attributes:
+        key: the key, as the user reads it.
+        found: its present value.
+        needed: the nearest value that resolves the conflict.
+        limits: names of the limits in conflict.
+        enough: whether the change alone makes the whole problem solvable.
     """
 
     key: str
@@ -40,6 +45,7 @@ class Remedy:
 
     @property
     def sentence(self) -> str:
+        """Return the remedy in words."""
         bound = "at least" if self.needed > self.found else "at most"
         purpose = "enough by itself" if self.enough else f"resolves {' together with '.join(self.limits)} only"
         return f"{self.key}: {bound} {self.needed:.4g} instead of {self.found:.4g} ({purpose})"
@@ -47,7 +53,17 @@ class Remedy:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Where a problem has no solution, which limits are in conflict, and what would help, one change at a time."""
+    """The reason why a problem has no solution.
+
+    Attributes:
+        point: grid point at which no choice is left.
+        s: position of this point along the path.
+        place: this position in words.
+        conflicts: names of the limits in conflict, one tuple per conflict.
+        remedies: changes that help, each by itself.
+        standstill: whether the robot must rest at the point but cannot.
+        from_rest: whether the robot must start from rest at the point but cannot reach the end.
+    """
 
     point: int
     s: float
@@ -59,19 +75,27 @@ class Diagnosis:
 
     @property
     def sentence(self) -> str:
-        what = "no speed and acceleration is left"
+        """Return place and conflicts in words."""
+        reason = "no speed and acceleration is left"
         if self.standstill:
-            what = "the robot cannot stand still"
+            reason = "the robot cannot stand still"
         elif self.from_rest:
-            what = "no timing that starts from rest gets to the end"
+            reason = "no timing that starts from rest gets to the end"
         limits = "; ".join(" together with ".join(conflict) for conflict in self.conflicts)
-        return f"At s = {self.s:.4g} ({self.place}) {what}. Cannot hold for every value in the intervals: {limits}."
+        return f"At s = {self.s:.4g} ({self.place}) {reason}. Cannot hold for every value in the intervals: {limits}."
 
 
 def diagnose(plan: Plan) -> Diagnosis:
-    """The conflict of an infeasible plan. Raises ValueError for a plan of any other status."""
+    """Return the diagnosis of an infeasible plan.
+
+    Args:
+        plan: the plan.
+
+    Raises:
+        ValueError: the plan is not infeasible.
+    """
     if plan.status is not Status.INFEASIBLE:
-        raise ValueError(f"only an infeasible plan has a conflict; this one is: {plan.status.value}")
+        raise ValueError(f"the plan is {plan.status.value}; only an infeasible plan has limits in conflict")
     problem, point = plan.problem, max(plan.stuck, 0)
     conflicts = tuple(_told_apart(problem, list(_conflicts(problem))))
     return Diagnosis(
@@ -90,12 +114,12 @@ def _solvable(problem: TimeScalingProblem) -> bool:
 
 
 def _for_time(config: Config) -> Config:
-    """Whether there is a solution does not depend on the cost."""
+    """Return the configuration with time as the cost, on which feasibility does not depend."""
     return config.model_copy(update={"solver": config.solver.model_copy(update={"cost": "time", "weight": 0.0})})
 
 
 def _conflicts(problem: TimeScalingProblem) -> Iterator[tuple[str, ...]]:
-    """Sets of limits without a common solution, none of which shares a limit with another."""
+    """Yield sets of limits without a common solution; no two of them share a limit."""
     unlimited = np.array(problem.robot.joint_names)[np.isinf(problem.robot.limits.torque)]
     idle = {f"{joint} {kind}" for joint in unlimited for kind in ("acceleration", "torque")}
     names = [name for name in problem.limits.names if name.kind != LimitKind.VELOCITY and name not in idle]
@@ -106,7 +130,10 @@ def _conflicts(problem: TimeScalingProblem) -> Iterator[tuple[str, ...]]:
 
 
 def _told_apart(problem: TimeScalingProblem, conflicts: list[tuple[str, ...]]) -> Iterator[tuple[str, ...]]:
-    """The conflicts without slip that is only tipping: what tips also pivots, and no friction would hold it."""
+    """Yield the conflicts without slip that only accompanies tipping.
+
+    An object that tips also pivots, and no friction would hold it.
+    """
     together = {limit for conflict in conflicts for limit in conflict}
     names = [limit.names for limit in problem.limits.contacts]
     tipping: dict[str, str] = {
@@ -121,8 +148,10 @@ def _told_apart(problem: TimeScalingProblem, conflicts: list[tuple[str, ...]]) -
 
 
 def _irreducible(problem: TimeScalingProblem, names: Sequence[str]) -> list[str]:
-    """A subset of limits in conflict from which none can be dropped: one after the other, but many together where all
-    of them can be dropped, which is the same."""
+    """Return a subset of limits in conflict from which none can be dropped.
+
+    Blocks are tried first and halved only if needed, which gives the same subset as one limit after the other.
+    """
     needed, blocks = list(names), [list(names)]
     while blocks:
         block = blocks.pop()
@@ -136,7 +165,7 @@ def _irreducible(problem: TimeScalingProblem, names: Sequence[str]) -> list[str]
 
 
 def _remedies(problem: TimeScalingProblem, conflicts: Sequence[tuple[str, ...]]) -> Iterator[Remedy]:
-    """Changes that are enough by themselves, then for what is left the changes that resolve one conflict each."""
+    """Yield changes that are enough by themselves, then changes that resolve single conflicts that are left."""
     every = tuple(limit for conflict in conflicts for limit in conflict)
     resolved: set[str] = set()
     for limits in (every, *conflicts):
@@ -153,7 +182,7 @@ def _remedies(problem: TimeScalingProblem, conflicts: Sequence[tuple[str, ...]])
 def _trial(
     problem: TimeScalingProblem, candidate: Candidate, limits: tuple[str, ...] | None
 ) -> Callable[[float], bool]:
-    """Whether the problem, or some limits of it alone, has a solution with a share of a candidate's change."""
+    """Return a test of a share of a change: is the problem solvable with it, or some of its limits alone?"""
 
     def works(share: float) -> bool:
         changes = candidate.changes(share)
@@ -171,7 +200,7 @@ def _trial(
 
 
 def _least_share(works: Callable[[float], bool]) -> float | None:
-    """Smallest share of the way to the most generous value that works, None if even that does not."""
+    """Return the smallest share of the way to the most generous value that works, None if that value does not."""
     if not works(1.0):
         return None
     low, high = 0.0, 1.0

@@ -1,12 +1,12 @@
-"""Inner programs: can contact forces supply the required wrench of a timing? One linear program per grid point.
+"""Inner programs: contact forces that supply the required wrench of a timing, one linear program per grid point.
 
     minimise t   such that   G lambda = w + t r,   T_c lambda_c <= 0,   lambda >= 0
 
-G holds the friction edges of all contacts, w is the required wrench, extended by the forces that press parts against
-the tool, and r a wrench well inside the cone, as heavy as the load. t > 0 is the part that is missing, as a fraction of
-the weight; the dual y is the facet of the cone that says so, y w <= 0 with y r = -1, the row that the outer program
-lacks (paper section 4, its split; normalisation our choice). T_c bounds the twist of contact c whose pressure is
-prescribed; its rows are added when a solution violates them.
+G holds the friction edges of all contacts, and w is the required wrench, extended by the forces that press parts
+against the tool. r is a wrench well inside the cone, as heavy as the payload. t > 0 is the missing part, as a fraction
+of the weight. Its dual y is a facet of the cone, y w <= 0 with y r = -1, which the outer program lacks (paper section
+4, its split; normalisation our choice). T_c bounds the twist of a contact c with prescribed pressure; its rows are
+added when a solution violates them.
 """
 
 from __future__ import annotations
@@ -14,9 +14,10 @@ from __future__ import annotations
 import numpy as np
 
 from robustopt.arrays import Array, Indices
+from robustopt.limits import polygons
 from robustopt.limits.contact_limit import NO_BASE, NO_TERMS, ContactLimit
 from robustopt.limits.formulas import evaluate, worst_wrench
-from robustopt.limits.polygons import Loads
+from robustopt.limits.polygons import Loads, facet_family
 from robustopt.limits.systems import ContactSystem
 from robustopt.solvers.linear_program import LinearProgram
 
@@ -27,43 +28,52 @@ VIOLATION = 1e-7
 """Fraction of the weight by which a wrench may leave the cone: the tolerance of the linear programs."""
 
 ROUNDS = 4
-"""A dual changes which parameters are worst, they may have another dual; two rounds were enough wherever we looked."""
+"""A dual changes which parameters are worst, and these may have another dual; two rounds were enough in all our
+tasks."""
 
 SECOND_LOOK, LEAST_CORNERS, MOST_CORNERS = 8000, 4, 20
-"""Programs of a second look without facets, in all, and the random corners of the box of the parameters that it tries
-at each end of an interval. A row found at one grid point holds at all, so a fine grid needs fewer at each."""
-
-CHUNK = 64
-"""Ends of intervals at which all facets are evaluated at once, for the sake of memory."""
+"""Number of programs of a second look without facets, and bounds on the random corners of the box of the parameters
+that it tries per end of an interval. A row found at one grid point holds at all, so a fine grid needs fewer at each."""
 
 ROBUST_BAND = 0.5
-"""Wrenches with more than this fraction of the weight in reserve are not asked for a second opinion."""
+"""Margin, as a fraction of the weight, beyond which a wrench is not tried again with its worst parameters."""
 
 TWIST_ROUNDS = 20
 """Rounds in which twist rows are added to a program; two or three are usual."""
 
 
 class ForceProgram:
-    """The inner program of one contact system; only its right-hand side changes from call to call."""
+    """The inner program of one contact system; only its right-hand side changes from call to call.
+
+    Attributes:
+        reference: the wrench r (d,) [N, N m].
+        scale: factors on the coordinates, by which all generators are of size 1 (d,).
+        program: the linear program.
+        parts: contacts whose twist is bounded.
+        transform: coordinates that the generators supply per coordinate of the system (d', d), None for the same.
+    """
 
     def __init__(self, limit: ContactLimit) -> None:
+        """Make the program of a limit."""
         system, weight = limit.system, limit.weight
         self.reference = system.interior * weight
         self.scale = _scale(system) / weight
         matrix = np.column_stack([system.generators * weight, -self.reference]) * self.scale[:, None]
         k = matrix.shape[1]
         self.program = LinearProgram(matrix, np.r_[np.zeros(k - 1), 1.0], np.r_[np.zeros(k - 1), -np.inf])
-        self.parts = system.parts
+        self.parts, self.transform = system.parts, system.transform
 
     def solve(self, wrench: Array) -> tuple[float, Array]:
         """Return t and the dual row y (d,) with y w = t for a wrench w (d,), as a fraction of the weight."""
-        right = wrench * self.scale
+        supplied = wrench if self.transform is None else self.transform @ wrench
+        right = supplied * self.scale
         for _ in range(TWIST_ROUNDS):
             solution, dual = self.program.solve(right, right)
             if not self._add_twist(solution):
                 break
         dual = dual[: len(right)] * self.scale
-        return float(dual @ wrench), dual
+        row = dual if self.transform is None else dual @ self.transform
+        return float(row @ wrench), row
 
     def _add_twist(self, solution: Array) -> bool:
         """Add the twist row of each contact that a solution violates most; return whether there was one."""
@@ -144,12 +154,11 @@ def _is_certain(loads: Loads) -> bool:
 
 def violated_facets(limit: ContactLimit, points: Indices, u: Array, x: Array) -> Rows:
     """Return the explicit row of a system that is worst at each point, if it is violated and not known yet."""
-    facets, found = limit.system.facets / limit.weight, [np.zeros(0, dtype=np.intp)]
-    for k in range(0, len(points) if len(facets) else 0, CHUNK):
-        part = slice(k, k + CHUNK)
-        values = evaluate(facets, limit.loads.at(points[part]), NO_BASE, NO_TERMS, u[part], x[part])
-        found.append(np.argmax(values, axis=1)[values.max(axis=1) > VIOLATION])
-    index = np.unique(np.concatenate(found))
+    facets = limit.system.facets / limit.weight
+    if not len(facets):
+        return limit.facets[:0], limit.kinds[:0]
+    values = polygons.evaluate(facet_family(facets, limit.loads, limit.system.kinds), points, u, x)
+    index = np.unique(np.argmax(values, axis=1)[values.max(axis=1) > VIOLATION])
     new = _distinct(facets[index], limit.facets)
     return facets[index][new], limit.system.kinds[index][new]
 

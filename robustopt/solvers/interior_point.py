@@ -13,22 +13,20 @@ import numpy as np
 
 from robustopt.compiled import compiled
 
-Array = np.ndarray
-
 STEPS = 200
-"""Most Newton steps; about fifty are needed."""
+"""Largest number of Newton steps; about fifty are usual."""
 
 FIRST_GAP, ACCURACY, SHARPEN = 1e-2, 1e-8, 20.0
-"""First and last gap as fractions of the duration, and the factor by which the weight grows in between."""
+"""First and last gap, as fractions of the duration, and the factor by which the weight grows in between."""
 
 CENTRED = 1e-2
 """Squared Newton decrement below which the weight grows: the next centre is a few steps away."""
 
 START = 0.98
-"""The start is the feasible timing with x scaled by this: a slower timing of the same path has slack in every row."""
+"""Factor on x of the feasible timing at the start: a slower timing of the same path has slack in every row."""
 
 RELAXED = 2e-9
-"""What a row may be relaxed by: twice what the passes grant themselves, in fractions of its limit."""
+"""Relaxation of rows, as a fraction of their limits: twice the tolerance of the passes."""
 
 TO_BOUNDARY = 0.95
 """Share of the way to the nearest bound that a step may take."""
@@ -36,7 +34,7 @@ TO_BOUNDARY = 0.95
 
 @compiled()
 def _rows(a, b, c, x_max, ds):
-    """Rows G1 x_i + G2 x_{i+1} + h <= 0 of the intervals, and of the bounds of x, with the index i of each."""
+    """Return the rows G1 x_i + G2 x_{i+1} + h <= 0 of the intervals and of the bounds of x, and the index i of each."""
     P, m = a.shape
     G1, G2, h, at = (
         np.empty(2 * P * m + P),
@@ -68,7 +66,7 @@ def _rows(a, b, c, x_max, ds):
 
 @compiled()
 def _derivatives(x, ds, gradient, diagonal, off):
-    """Gradient and tridiagonal Hessian of the duration. Returns the duration."""
+    """Compute the gradient and the tridiagonal Hessian of the duration; return the duration."""
     P = len(x)
     gradient[:], diagonal[:], off[:] = 0.0, 0.0, 0.0
     total = 0.0
@@ -92,7 +90,7 @@ def _derivatives(x, ds, gradient, diagonal, off):
 
 @compiled()
 def _solve_tridiagonal(diagonal, off, right, free, work, out):
-    """Symmetric tridiagonal system over the free entries; the others stay 0."""
+    """Solve a symmetric tridiagonal system over the free entries; the others stay 0."""
     P = len(right)
     for i in range(P):
         pivot, value = diagonal[i], right[i]
@@ -112,7 +110,7 @@ def _solve_tridiagonal(diagonal, off, right, free, work, out):
 
 @compiled()
 def _slacks(G1, G2, h, at, x, slack):
-    """slack = -(G x + h); returns its smallest entry."""
+    """Compute slack = -(G x + h); return its smallest entry."""
     least = np.inf
     for k in range(len(at)):
         slack[k] = -(G1[k] * x[at[k]] + G2[k] * x[at[k] + 1] + h[k])
@@ -122,7 +120,7 @@ def _slacks(G1, G2, h, at, x, slack):
 
 @compiled()
 def _barrier(x, ds, slack, weight):
-    """weight * duration - sum log slack."""
+    """Return the value of the barrier, weight * duration - sum log slack."""
     value = 0.0
     for i in range(len(ds)):
         if ds[i] > 0.0:
@@ -134,10 +132,21 @@ def _barrier(x, ds, slack, weight):
 
 @compiled()
 def polish(a, b, c, x_max, ds, feasible):
-    """Minimum-time x (P,) on the rows from a feasible one, and the bound of its distance to the optimum [s].
+    """Minimise the time from a feasible timing on.
 
-    Where the slower timing has no slack, as where the robot could not stand still, rows are relaxed by what rounding is
-    granted, and the start is the feasible timing. If even that has none, it comes back with an infinite bound.
+    If the slower timing has no slack, for example because the robot could not stand still, the rows are relaxed by
+    RELAXED and the start is the feasible timing. If that has no slack either, it is returned with an infinite gap.
+
+    Args:
+        a: coefficients of u (P, m).
+        b: coefficients of x (P, m).
+        c: constants (P, m).
+        x_max: largest x, 0 at rest (P,).
+        ds: interval lengths, 0 at stops (P - 1,).
+        feasible: a feasible timing x (P,).
+
+    Returns:
+        The timing x (P,), and a bound on the excess of its duration over the optimum [s].
     """
     P = len(feasible)
     G1, G2, h, at = _rows(a, b, c, x_max, ds)

@@ -3,7 +3,8 @@
     minimise   sum_i dt_i (1 + weight * penalty_i),   dt_i = 2 ds_i / (sqrt(x_i) + sqrt(x_{i+1}))
     such that  a u + b x + c <= 0 at both ends of every interval,   0 <= x <= x_max
 
-penalty: sum over the joints of (tau / tau_max)^2 (effort) or (qdd / qdd_max)^2 (smoothness), mean of the two ends.
+The penalty is the sum over the joints of (tau / tau_max)^2 (effort) or (qdd / qdd_max)^2 (smoothness), the mean of both
+ends of the interval.
 """
 
 from __future__ import annotations
@@ -14,16 +15,15 @@ import casadi as ca
 import numpy as np
 from scipy import sparse
 
+from robustopt.arrays import Array, Indices
 from robustopt.interruption import held
 from robustopt.limits import TimeScalingProblem
 from robustopt.solvers.plan import Plan, Status, duration_of, failed_plan, solved_plan
 from robustopt.solvers.reachability import passes
 
-Array = np.ndarray
-
 SMALLEST_X = 1e-7
-"""Lower bound of x away from rest, as a fraction of the fastest feasible timing, which Ipopt's variables are fractions
-of: keeps the root differentiable. A fraction of x_max would not do, which the rows may keep far out of reach."""
+"""Lower bound of x away from rest, as a fraction of a feasible timing, so that the square root stays differentiable. A
+fraction of x_max would not do: the rows may keep it far out of reach."""
 
 OPTIONS = {
     "print_time": False,
@@ -39,7 +39,12 @@ OPTIONS = {
 
 
 def solve_ipopt(problem: TimeScalingProblem, guess: Array | None = None) -> Plan:
-    """Plan of least cost on the rows of the problem, or the reason why there is none."""
+    """Return the plan of least cost on the rows of a problem, or a failed plan with the reason.
+
+    Args:
+        problem: the problem.
+        guess: timing x to start from (P,); by default that of `reachability`.
+    """
     began = time.perf_counter()
     feasible_x, _, stuck = passes(problem.a, problem.b, problem.c, problem.x_max, problem.ds)
     if not problem.feasible.all():
@@ -59,16 +64,16 @@ def solve_ipopt(problem: TimeScalingProblem, guess: Array | None = None) -> Plan
 def _minimise(
     problem: TimeScalingProblem, guess: Array, scale: Array, options: dict[str, object]
 ) -> tuple[Array, str, int]:
-    """x (P,) of least cost, how Ipopt ended, and its iterations.
+    """Return the x of least cost (P,), Ipopt's status and its number of iterations.
 
-    guess: where to start (P,); scale: a timing (P,) that the variables are fractions of, and the cost of its duration,
-    so that tolerances mean the same for slow and fast robots
+    The variables are fractions of the timing `scale` (P,), and the cost is a fraction of its duration, so that
+    tolerances mean the same for slow and fast robots. `guess` is the timing to start from (P,).
     """
     free = np.flatnonzero(problem.x_max > 0)
     rows, right = _rows(problem, free)
     part = ca.MX.sym("x", len(free))
     size = scale[free]
-    variable, matrix = part * ca.DM(size), ca.DM(rows.multiply(size).tocsc())
+    variable, matrix = part * ca.DM(size), ca.DM(sparse.csc_matrix(rows.multiply(size)))
     full, root = _spread(variable, free, problem), _spread(ca.sqrt(variable), free, problem)
     objective = _objective(problem, full, root, problem.config.solver.cost) / duration_of(problem.ds, scale)
     upper = problem.x_max[free] / size
@@ -78,7 +83,7 @@ def _minimise(
         program = {"x": part, "f": objective, "g": matrix @ part}
         solver = ca.nlpsol("outer", "ipopt", program, {**options, "iteration_callback": stop})
         answer = solver(x0=start, lbx=SMALLEST_X, ubx=upper, lbg=-np.inf, ubg=right)
-    if interruptions:  # by a handler of the user that let the work go on
+    if interruptions:  # the user's handler let the work go on
         return _minimise(problem, guess, scale, options)
     result = np.zeros(len(problem.s))
     result[free] = size * np.clip(np.array(answer["x"]).ravel(), 0.0, upper)
@@ -87,29 +92,34 @@ def _minimise(
 
 
 class _Stop(ca.Callback):  # type: ignore[misc]
-    """Ends Ipopt within a few iterations once an interruption has come; an exception in its midst it would report."""
+    """Callback that ends Ipopt within a few iterations of an interruption; Ipopt would report an exception itself."""
 
     def __init__(self, variables: int, rows: int, interruptions: list[int]) -> None:
+        """Make the callback of a program; `interruptions` is filled by the handler of signals."""
         super().__init__()
         self._sizes = {"x": variables, "lam_x": variables, "g": rows, "lam_g": rows, "f": 1}
         self._interruptions = interruptions
         self.construct("stop", {})
 
     def get_n_in(self) -> int:
+        """Return the number of inputs."""
         return int(ca.nlpsol_n_out())
 
     def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        """Return the sparsity of an input."""
         return ca.Sparsity.dense(self._sizes.get(ca.nlpsol_out(i), 0))
 
     def get_name_in(self, i: int) -> str:
+        """Return the name of an input."""
         return str(ca.nlpsol_out(i))
 
     def eval(self, _outputs: list[ca.DM]) -> list[int]:
+        """Return 1 to end Ipopt, 0 to go on."""
         return [bool(self._interruptions)]
 
 
-def _rows(problem: TimeScalingProblem, free: Array) -> tuple[sparse.csc_matrix, Array]:
-    """Rows at both ends of the intervals over the free x, A x <= right; rows that always hold are left out."""
+def _rows(problem: TimeScalingProblem, free: Indices) -> tuple[sparse.csc_matrix, Array]:
+    """Return the rows A x <= right at both ends of the intervals over the free x, without rows that always hold."""
     moving = np.flatnonzero(problem.ds > 0)
     gain = 1.0 / (2 * problem.ds[moving])
     before, after, right = [], [], []
@@ -131,14 +141,15 @@ def _rows(problem: TimeScalingProblem, free: Array) -> tuple[sparse.csc_matrix, 
     return matrix[:, free].tocsc(), limit[keep]
 
 
-def _spread(values: ca.MX, free: Array, problem: TimeScalingProblem) -> ca.MX:
-    """Values at the free grid points, 0 at the others, (P,)."""
+def _spread(values: ca.MX, free: Indices, problem: TimeScalingProblem) -> ca.MX:
+    """Return the values at the free grid points, 0 at the others, (P,)."""
     full = ca.MX(len(problem.s), 1)
     full[free.tolist()] = values
     return full
 
 
 def _objective(problem: TimeScalingProblem, x: ca.MX, root: ca.MX, cost: str) -> ca.MX:
+    """Return the cost of a timing, given x and its square root (P,)."""
     moving = np.flatnonzero(problem.ds > 0)
     ds, first, second = problem.ds[moving], moving.tolist(), (moving + 1).tolist()
     dt = 2 * ds / (root[first] + root[second])
@@ -154,9 +165,9 @@ def _objective(problem: TimeScalingProblem, x: ca.MX, root: ca.MX, cost: str) ->
 
 
 def _relative(
-    problem: TimeScalingProblem, cost: str, points: Array, joint: int, u: ca.MX, x: ca.MX, root: ca.MX
+    problem: TimeScalingProblem, cost: str, points: Indices, joint: int, u: ca.MX, x: ca.MX, root: ca.MX
 ) -> ca.MX:
-    """Torque or acceleration of a joint at grid points, as a fraction of its limit."""
+    """Return the torque or acceleration of a joint at grid points, as a fraction of its limit."""
     if cost == "smoothness":
         motion, limit = problem.limits.motion, problem.robot.limits.acceleration[joint]
         return (motion.q1[points, joint] * u + motion.q2[points, joint] * x) / limit

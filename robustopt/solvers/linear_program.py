@@ -1,4 +1,4 @@
-"""Small dense linear programs that HiGHS solves repeatedly, each time with another right-hand side."""
+"""Small dense linear programs that HiGHS solves repeatedly, with a new right-hand side each time."""
 
 from __future__ import annotations
 
@@ -9,12 +9,19 @@ from robustopt.arrays import Array, Indices
 
 
 class LinearProgram:
-    """The program min cost z such that row_lower <= matrix z <= row_upper, lower <= z; each call brings row bounds.
+    """The program min cost z such that row_lower <= matrix z <= row_upper and lower <= z.
 
-    matrix: (m, n); cost, lower: (n,)
+    Each call of `solve` brings its own row bounds, and starts from the last basis.
     """
 
     def __init__(self, matrix: Array, cost: Array, lower: Array) -> None:
+        """Make a program.
+
+        Args:
+            matrix: coefficients of the rows (m, n).
+            cost: coefficients of the cost (n,).
+            lower: lower bounds of z (n,).
+        """
         rows, columns = matrix.shape
         model = highspy.HighsLp()
         model.num_col_, model.num_row_ = columns, rows
@@ -31,12 +38,22 @@ class LinearProgram:
         self._rows = np.arange(rows, dtype=np.int32)
 
     def solve(self, row_lower: Array, row_upper: Array) -> tuple[Array, Array]:
-        """Return the solution z (n,) and the duals of all rows, added ones last, from the last basis on."""
+        """Return the solution z (n,) and the duals of all rows, added rows last.
+
+        Args:
+            row_lower: lower bounds of the first rows (m,).
+            row_upper: upper bounds of the first rows (m,).
+        """
         self._highs.changeRowsBounds(len(self._rows), self._rows, row_lower, row_upper)
         self._highs.run()
         solution = self._highs.getSolution()
         return np.array(solution.col_value), np.array(solution.row_dual)
 
     def add_row(self, columns: Indices, values: Array) -> None:
-        """Add the row `values @ z[columns] <= 0`."""
+        """Add the row `values @ z[columns] <= 0`.
+
+        Args:
+            columns: indices of variables (k,).
+            values: their coefficients (k,).
+        """
         self._highs.addRow(-np.inf, 0.0, len(columns), columns.astype(np.int32), values)

@@ -1,4 +1,4 @@
-"""The contract of the solvers: what a plan is."""
+"""Plan: the result that all solvers share."""
 
 from __future__ import annotations
 
@@ -6,20 +6,27 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from robustopt.arrays import Array, Flags, Indices
 from robustopt.compiled import compiled
 from robustopt.limits import TimeScalingProblem
+from robustopt.views import view
 
-Array = np.ndarray
+if TYPE_CHECKING:
+    from pathlib import Path as FilePath
+
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
 
 ACTIVE_TOLERANCE = 1e-4
-"""A row binds where its value is within this fraction of its limit; solver tolerances are a hundredth of it."""
+"""Fraction of its limit within which a row binds; solver tolerances are a hundredth of it."""
 
 
 class Status(Enum):
-    """How a solver ended; `sentence` says it to people."""
+    """Outcome of a solver; `sentence` puts it in words."""
 
     SOLVED = "solved"
     INFEASIBLE = "infeasible"
@@ -28,6 +35,7 @@ class Status(Enum):
 
     @property
     def sentence(self) -> str:
+        """Return the outcome in words."""
         return _SENTENCES[self.value]
 
 
@@ -41,18 +49,27 @@ _SENTENCES = {
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A timing of a path.
+    """A timing of a path, or the reason why there is none.
 
-    s, piece, x: grid points, piece of the path and sd^2, (P,); u: sdd on each interval, (P - 1,), 0 where it has no
-    length; duration [s]; stuck: for an infeasible problem the grid point where no choice is left, else -1;
-    statistics: figures of the solution process
+    Attributes:
+        status: outcome of the solver.
+        message: the outcome in words.
+        method: name of the solver.
+        s: grid points in [0, 1] (P,).
+        piece: piece of the path that each grid point belongs to (P,).
+        x: sd^2 at the grid points (P,) [1/s^2]; empty without a timing.
+        u: sdd on each interval (P - 1,) [1/s^2], 0 on intervals without length; empty without a timing.
+        duration: sum over the intervals [s]; infinite without a timing.
+        problem: the problem with all rows that the solver has found.
+        statistics: figures of the solution process by name.
+        stuck: grid point at which no choice is left, -1 unless the problem is infeasible.
     """
 
     status: Status
     message: str
     method: str
     s: Array
-    piece: Array
+    piece: Indices
     x: Array
     u: Array
     duration: float
@@ -62,23 +79,65 @@ class Plan:
 
     @cached_property
     def active(self) -> tuple[tuple[str, ...], ...]:
-        """Names of the limits that bind at either end of each interval; empty for a plan without a timing."""
+        """Return the names of the limits that bind at either end of each interval; empty without a timing."""
         return _active(self.problem, self.x, self.u) if self.status is Status.SOLVED else ()
+
+    def export(self, folder: FilePath | str, period: float | None = None) -> list[FilePath]:
+        """Write the plan into a folder, in the formats of a run folder.
+
+        Args:
+            folder: made if it is missing; files in it are overwritten.
+            period: of the samples [s]; by default `output.period` of the configuration.
+
+        Returns:
+            The files: `plan.csv` (at the grid points), `trajectory.csv` (every period), and `joint_trajectory.json`
+            (every period, in the shape of a ROS `trajectory_msgs/JointTrajectory` message).
+
+        Raises:
+            Infeasible: the plan has no timing.
+            ConfigError: the period is not positive, or too short.
+        """
+        return view("robustopt.solvers.trajectory.export", self, folder, period)
+
+    def to_frame(self) -> DataFrame:
+        """Return the plan at its grid points as a table: t, s, sd, sdd, q_<joint>, qd_<joint>, qdd_<joint>.
+
+        Raises:
+            Infeasible: the plan has no timing.
+        """
+        return view("robustopt.frames.plan_frame", self)
+
+    def plot(self) -> Figure:
+        """Return the phase plane: the speed sd over s, with its limits and the limits that bind."""
+        return view("robustopt.plotting.views.plan_figure", self)
+
+    def _repr_html_(self) -> str:
+        return view("robustopt.frames.plan_html", self)
 
 
 def duration_of(ds: Array, x: Array) -> float:
-    """Sum of 2 ds / (sd_i + sd_{i+1}) over the intervals that have a length [s]; infinite where the robot stands."""
+    """Return the duration, the sum of 2 ds / (sd_i + sd_{i+1}) [s]; infinite if the robot rests on an interval.
+
+    Args:
+        ds: interval lengths (P - 1,); intervals without length do not count.
+        x: sd^2 (P,).
+    """
     return float(timing(ds, x)[0])
 
 
 def controls_of(ds: Array, x: Array) -> Array:
-    """u from x_{i+1} = x_i + 2 ds u_i, (P - 1,); 0 on intervals without length."""
+    """Return u from x_{i+1} = x_i + 2 ds u_i, (P - 1,); 0 on intervals without length.
+
+    Args:
+        ds: interval lengths (P - 1,).
+        x: sd^2 (P,).
+    """
     return np.asarray(timing(ds, x)[1])
 
 
 @compiled(error_model="numpy")
 def timing(ds, x):  # type: ignore[no-untyped-def]
-    """Duration and controls of a timing."""
+    """Return the duration [s] and the controls (P - 1,) of a timing, as `duration_of` and `controls_of`."""
     duration, u = 0.0, np.zeros(len(ds))
     speed = np.sqrt(x[0]) if x[0] > 0.0 else 0.0
     for i in range(len(ds)):
@@ -89,15 +148,28 @@ def timing(ds, x):  # type: ignore[no-untyped-def]
     return duration, u
 
 
-def interval_ends(problem: TimeScalingProblem, x: Array, u: Array) -> tuple[Array, Array, Array]:
-    """u, x and grid point at both ends of every interval that has a length, (M,) each."""
+def interval_ends(problem: TimeScalingProblem, x: Array, u: Array) -> tuple[Array, Array, Indices]:
+    """Return u, x and the grid point at both ends of every interval that has a length, (M,) each.
+
+    Args:
+        problem: the problem.
+        x: sd^2 (P,).
+        u: sdd on each interval (P - 1,).
+    """
     moving = np.flatnonzero(problem.ds > 0)
     points = np.r_[moving, moving + 1]
     return np.r_[u[moving], u[moving]], x[points], points
 
 
 def solved_plan(problem: TimeScalingProblem, x: Array, method: str, statistics: Mapping[str, float]) -> Plan:
-    """The plan of a solution x (P,)."""
+    """Return the plan of a solution.
+
+    Args:
+        problem: the problem.
+        x: sd^2 (P,); becomes read-only.
+        method: name of the solver.
+        statistics: figures of the solution process by name.
+    """
     duration, u = timing(problem.ds, x)
     return timed_plan(problem, x, u, duration, method, statistics)
 
@@ -105,7 +177,7 @@ def solved_plan(problem: TimeScalingProblem, x: Array, method: str, statistics: 
 def timed_plan(
     problem: TimeScalingProblem, x: Array, u: Array, duration: float, method: str, statistics: Mapping[str, float]
 ) -> Plan:
-    """The plan of a solution x (P,) whose controls (P - 1,) and duration [s] are at hand."""
+    """Return the plan of a solution x (P,) with known controls u (P - 1,) and duration [s]; see `solved_plan`."""
     for array in (x, u):
         array.flags.writeable = False
     return Plan(
@@ -116,21 +188,27 @@ def timed_plan(
 def failed_plan(
     problem: TimeScalingProblem, status: Status, method: str, message: str, stuck: int, statistics: Mapping[str, float]
 ) -> Plan:
-    """A plan without a timing."""
+    """Return a plan without a timing; arguments as the attributes of `Plan`."""
     none = np.zeros(0)
     return Plan(status, message, method, problem.s, problem.piece, none, none, np.inf, problem, statistics, stuck)
 
 
-def binding_rows(problem: TimeScalingProblem, x: Array, u: Array) -> Array:
-    """Which rows bind at either end of each interval, (P - 1, m)."""
+def binding_rows(problem: TimeScalingProblem, x: Array, u: Array) -> Flags:
+    """Return whether each row binds at either end of each interval, (P - 1, m).
+
+    Args:
+        problem: the problem.
+        x: sd^2 (P,).
+        u: sdd on each interval (P - 1,).
+    """
     at_start = problem.a[:-1] * u[:, None] + problem.b[:-1] * x[:-1, None] + problem.c[:-1] > -ACTIVE_TOLERANCE
     at_end = problem.a[1:] * u[:, None] + problem.b[1:] * x[1:, None] + problem.c[1:] > -ACTIVE_TOLERANCE
-    binding: Array = (at_start | at_end) & (problem.ds > 0)[:, None]
+    binding: Flags = (at_start | at_end) & (problem.ds > 0)[:, None]
     return binding
 
 
 def _active(problem: TimeScalingProblem, x: Array, u: Array) -> tuple[tuple[str, ...], ...]:
-    """Names of the limits that bind at either end of each interval, in the order of the columns."""
+    """Return the names of the limits that bind at either end of each interval, in the order of the columns."""
     binding = binding_rows(problem, x, u)
     names = [dict.fromkeys(problem.row_names[k] for k in np.flatnonzero(row)) for row in binding]
     fast = (x >= problem.x_max * (1 - ACTIVE_TOLERANCE)) & (problem.x_max > 0)

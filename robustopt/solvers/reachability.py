@@ -1,11 +1,11 @@
 """Reachability: the minimum-time timing by two passes over the grid, compiled.
 
-Backward: the controllable set of a grid point is the interval of x from which the end can be reached; its ends are two
-linear programs in (u, x), the rows at both ends of the interval and the next controllable set. Forward: from rest
+Backward: the controllable set of a grid point is the interval of x from which the end can be reached. Its ends are two
+linear programs in (u, x), over the rows at both ends of the interval and the next controllable set. Forward: from rest
 take the largest u that stays controllable. Let F_i(x) be the largest x_{i+1} that can follow x_i, a concave function.
-Where no F_i decreases before the x_i that the forward pass took, its timing is the pointwise largest, hence optimal.
-In general the largest F_i of all smaller x gives a second pass, an upper bound of every feasible timing, and so a lower
-bound of the duration. Where the two durations differ, the plan is polished by an interior-point method (our choice).
+If no F_i decreases before the x_i of the forward pass, its timing is the pointwise largest, hence optimal. In general
+the largest F_i of all smaller x gives a second pass, an upper bound of every feasible timing, and so a lower bound of
+the duration. If the two durations differ, an interior-point method polishes the plan (our choice).
 """
 
 from __future__ import annotations
@@ -19,18 +19,16 @@ from robustopt.limits import TimeScalingProblem
 from robustopt.solvers.interior_point import polish
 from robustopt.solvers.plan import Plan, Status, controls_of, duration_of, failed_plan, timed_plan, timing
 
-Array = np.ndarray
-
 FEASIBILITY = 1e-9
-"""Rows may be violated by this fraction of their limit; what a double-precision vertex of two rows can promise."""
+"""Fraction of its limit by which a row may be violated: the accuracy of a vertex of two rows in double precision."""
 
 OPTIMALITY_GAP = 5e-5
-"""Fraction of the duration by which the forward pass may be slower than its lower bound before it is polished: half of
-the 1e-4 to which the solvers are to agree."""
+"""Fraction of the duration by which the forward pass may exceed its lower bound without being polished: half of the
+1e-4 to which the solvers agree."""
 
 
 def solve_reachability(problem: TimeScalingProblem) -> Plan:
-    """Minimum-time plan of a problem, or the reason why there is none."""
+    """Return the minimum-time plan on the rows of a problem, or a failed plan with the reason."""
     began = time.perf_counter()
     x, u, duration, least, stuck = _timed_passes(
         problem.feasible, problem.a, problem.b, problem.c, problem.x_max, problem.ds
@@ -53,9 +51,9 @@ def solve_reachability(problem: TimeScalingProblem) -> Plan:
 
 @compiled(error_model="numpy")
 def _timed_passes(feasible, a, b, c, x_max, ds):
-    """The timing of the forward pass, its controls and duration, the least duration by the bound, and where it ends.
+    """Return the timing of the forward pass, its controls and duration, the lower bound, and the grid point if stuck.
 
-    feasible: (P,) whether a grid point has any (u, x) at all
+    `feasible` tells whether any (u, x) satisfies the rows of a grid point (P,); other arguments as of `passes`.
     """
     x, bound, stuck = passes(a, b, c, x_max, ds)
     for i in range(len(feasible) - 1, -1, -1):
@@ -72,7 +70,7 @@ def _stuck(problem: TimeScalingProblem, point: int, began: float) -> Plan:
 
 @compiled(error_model="numpy")
 def _gather(a, b, c, i, step, A, B, C, m):
-    """Append the rows of a grid point that are not padding, with u replaced by what it means `step` further on."""
+    """Append the rows of a grid point that are not padding; x + step u is the x of the point."""
     for k in range(a.shape[1]):
         if a[i, k] != 0.0 or b[i, k] != 0.0:
             A[m] = a[i, k] + step * b[i, k]
@@ -87,12 +85,12 @@ def _gather(a, b, c, i, step, A, B, C, m):
 
 @compiled(error_model="numpy")
 def _extreme_x(A, B, C, m, x_max, sign, order):
-    """Largest (sign 1) or smallest (sign -1) x in [0, x_max] with A u + B x + C <= 0 for some u; nan if there is none.
+    """Return the largest (sign 1) or smallest (sign -1) x in [0, x_max] with A u + B x + C <= 0 for some u, else nan.
 
-    Incremental linear programming in two variables (Seidel): a violated row moves the optimum onto its line. order:
-    in which the rows are taken, without indices from m on; a violated one moves to the front, so that what binds at one
-    grid point comes first at the next, where it mostly binds too. Unsigned: then no index counts from the end, which
-    would take time to ask.
+    This is incremental linear programming in two variables (Seidel): a violated row moves the optimum onto its line.
+    `order` is the order of the rows; indices from m on are skipped. A violated row moves to the front, because a row
+    that binds at one grid point mostly binds at the next, too. The indices are unsigned: compiled code then need not
+    check for indices that count from the end.
     """
     x = x_max if sign > 0 else 0.0
     u = 0.0
@@ -144,7 +142,7 @@ def _extreme_x(A, B, C, m, x_max, sign, order):
 
 @compiled(error_model="numpy")
 def _holds_at_rest(A, C, m):
-    """Whether some u satisfies A u + C <= 0: then the smallest x is 0, nearly always."""
+    """Return whether some u satisfies A u + C <= 0: then the smallest x is 0, which is nearly always so."""
     above = 0
     for k in range(m):
         above += 1 if C[k] > 0.0 else 0
@@ -163,8 +161,19 @@ def _holds_at_rest(A, C, m):
 
 @compiled(error_model="numpy")
 def passes(a, b, c, x_max, ds):
-    """Backward and forward pass. Returns x (P,), an upper bound of every feasible x (P,), and the grid point where no
-    choice is left or the robot cannot move on, or -1."""
+    """Run the backward and the forward pass.
+
+    Args:
+        a: coefficients of u (P, m).
+        b: coefficients of x (P, m).
+        c: constants (P, m).
+        x_max: largest x, 0 at rest (P,).
+        ds: interval lengths, 0 at stops (P - 1,).
+
+    Returns:
+        The timing x (P,); an upper bound of every feasible x (P,); the grid point at which no choice is left or the
+        robot cannot move on, or -1.
+    """
     P, m = a.shape
     low, high, x, bound = np.zeros(P), np.zeros(P), np.zeros(P), np.zeros(P)
     A, B, C = np.empty(2 * m + 4), np.empty(2 * m + 4), np.empty(2 * m + 4)
@@ -211,7 +220,7 @@ def passes(a, b, c, x_max, ds):
 
 @compiled(error_model="numpy")
 def _largest_next(A, B, C, n, step, low, high, most):
-    """Largest x + step u <= most with low <= x <= high and A u + B x + C <= 0: the rows in (u, x + step u)."""
+    """Return the largest x + step u <= most with low <= x <= high and A u + B x + C <= 0, in (u, x + step u)."""
     for k in range(n):
         A[k] -= step * B[k]
     A[n], B[n], C[n] = -step, 1.0, -high

@@ -1,4 +1,4 @@
-"""Candidates for remedies: the keys of a configuration that bear on limits in conflict, and how far they may go."""
+"""Candidates for remedies: keys of a configuration that bear on limits in conflict, with their most generous values."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from robustopt.robot import Robot
 from robustopt.scene.placement import TRAY
 
 MOST_FRICTION = 10.0
-"""Largest coefficient of friction that is tried; no dry contact has more."""
+"""Largest coefficient of friction that is tried: more than any dry contact has (our choice)."""
 
 MOST_JOINT_LIMIT = 100.0
-"""Largest factor by which a joint's limit is raised."""
+"""Largest factor by which the limit of a joint is raised (our choice)."""
 
 MOST_FORCE = 100.0
-"""Largest factor by which the force of a tool is raised."""
+"""Largest factor by which the force of a tool is raised (our choice)."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Candidate:
         return self.found + share * (self.generous - self.found)
 
     def changes(self, share: float) -> dict[str, Any]:
-        """Return the changes of the configuration for such a share."""
+        """Return the changes of the configuration, values by key, at a share of that way."""
         return self.write(self.value(share))
 
 
@@ -152,8 +152,8 @@ def _error_candidates(config: Config) -> Iterator[Candidate]:
         yield from _shrinking(f"{key}.mean", "largest", float(np.max(np.abs(mean))), mean)
 
 
-def _shrinking(key: str, what: str, largest: float, values: Any) -> Iterator[Candidate]:
-    """Yield values at a key, a number, a list or a mapping of numbers, all made smaller by one factor."""
+def _shrinking(key: str, note: str, largest: float, values: Any) -> Iterator[Candidate]:
+    """Yield a candidate that scales all values at a key (a number, a list or a mapping of numbers) by one factor."""
 
     def scaled(given: Any, factor: float) -> Any:
         if isinstance(given, dict):
@@ -161,7 +161,7 @@ def _shrinking(key: str, what: str, largest: float, values: Any) -> Iterator[Can
         return [factor * value for value in given] if isinstance(given, list) else factor * given
 
     if largest > 0:
-        label = key if isinstance(values, float) else f"{key}, {what}"
+        label = key if isinstance(values, float) else f"{key}, {note}"
         yield Candidate(label, largest, 0.0, lambda value: {key: scaled(values, value / largest)})
 
 

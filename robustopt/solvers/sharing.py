@@ -1,12 +1,12 @@
-"""How contacts share the load: the least of their limits that the joints of the limbs need. One program per grid point.
+"""Shared wrenches: contact forces that keep the joint torques within their limits. One program per grid point.
 
     minimise t + penalty m   such that   G lambda = w + m r,   |tau - J^T G lambda| <= (1 + t) tau_max,   lambda, m >= 0
 
-G holds the friction edges of all contacts, w is the wrench they must exert, tau are the torques of the joints that
-carry them, without contact forces, r is a wrench well inside the cone. t is what the joint that is used most exceeds
-its limit by, as a fraction of it, with the best sharing there is; m, what is missing of a wrench at the very edge of
-the cone. The dual is a row over the load, which holds for every sharing: where some value of the parameters violates
-it, the outer program lacks it (our choice).
+G holds the friction edges of all contacts, w is the required wrench, tau are the torques without contact forces of the
+joints that carry the contacts, and r is a wrench well inside the cone. t is the excess of the most used joint over its
+limit, as a fraction of it, with the best sharing; m is the missing part of a wrench at the very edge of the cone. The
+dual is a row over the generalised force that holds for every sharing. If some parameters violate it, the outer program
+lacks it (our choice).
 """
 
 from __future__ import annotations
@@ -25,36 +25,45 @@ VIOLATION = 1e-7
 """Fraction of a torque limit by which a torque may exceed it."""
 
 PENALTY = 1e3
-"""Of what is missing of a wrench: more than any torque row gains from it."""
+"""Cost of a missing part of the wrench: more than any torque row gains from it."""
 
 MISS = 1e-5
-"""Fraction of the weight by which explicit forces may miss the wrench, a thousandth of what half a torque limit is."""
+"""Fraction of the weight by which explicit forces may miss the wrench: a thousandth of half a torque limit."""
 
 ROUNDS = 4
-"""A dual changes which parameters are worst, they may have another dual."""
+"""A dual changes which parameters are worst, and these may have another dual."""
 
 STILL = 1e-8
-"""Part of the largest u and x by which they may have changed where rows are not looked for again."""
-
-LESS_DOUBTFUL = 0.2
-"""The same where these forces are those for the parameters that the contacts like least."""
+"""Change of u and x, as a fraction of the largest ones, below which an interval end is not searched again."""
 
 CHUNKS = 8
-"""Parts in which the facets of a stance are evaluated, for the sake of memory."""
+"""Parts in which the facets of a stance are evaluated, to save memory."""
 
-DOUBTFUL = 0.5
-"""A program is not solved where explicit forces leave the joints more than this fraction of their limits in reserve;
-nor is it solved again, for the parameters that are worst for its row, where the row leaves as much."""
+DOUBTFUL, LESS_DOUBTFUL = 0.5, 0.2
+"""Margin, as a fraction of the torque limits, above which explicit forces make a program unnecessary: for the nominal
+parameters, and for the worst parameters of the contacts. With the first margin a row needs no further rounds either."""
 
 
 class SharingProgram:
-    """The program of one grid point; the load is its right-hand side.
+    """The program of one grid point; the generalised force is its right-hand side.
 
-    generators: (6, K) wrenches about the world's origin; pull: torque that each generator takes off the m joints that
-    carry the contacts, (m, K); limit: of these joints (m,)
+    Attributes:
+        limit: torque limits of the m joints that carry the contacts (m,) [N m].
+        weight: weight of the robot, the unit of forces [N].
+        scale: factors on the coordinates of a wrench (6,).
+        program: the linear program.
+        open: lower bounds of the torque rows (2 m,).
     """
 
     def __init__(self, generators: Array, pull: Array, limit: Array, weight: float) -> None:
+        """Make the program.
+
+        Args:
+            generators: wrenches of the friction edges about the world's origin (6, K).
+            pull: torque that each generator takes off each joint (m, K).
+            limit: torque limits of the joints (m,) [N m].
+            weight: weight of the robot [N].
+        """
         self.limit, self.weight = limit, weight
         self.scale = np.r_[np.ones(3), np.full(3, 1.0 / np.abs(generators[3:]).max())]
         wrench = np.column_stack([generators, -generators.mean(axis=1), np.zeros(6)]) * self.scale[:, None]
@@ -68,9 +77,14 @@ class SharingProgram:
         self.open = np.full(rows - 6, -np.inf)
 
     def solve(self, wrench: Array, torque: Array) -> tuple[float, Array, Array, float, Array]:
-        """t; the row y_w, y_tau, constant, y_w w + y_tau tau + constant = t at the load; the forces of the generators.
+        """Return t, the row of its dual, and the forces along the generators.
 
-        wrench: (6,); torque: of the joints without contact forces (m,)
+        Args:
+            wrench: required wrench about the world's origin (6,) [N, N m].
+            torque: torques of the joints without contact forces (m,) [N m].
+
+        Returns:
+            t; the parts y_w (6,), y_tau (m,) and c of the row, with y_w w + y_tau tau + c = t; the forces (K,) [N].
         """
         right = np.r_[wrench * self.scale / self.weight, 1.0 - torque / self.limit, 1.0 + torque / self.limit]
         z, dual = self.program.solve(np.r_[right[:6], self.open], right)
@@ -83,9 +97,12 @@ class SharingProgram:
 
 
 def program_at(sharing: Sharing, point: int, counted: Flags) -> tuple[SharingProgram, Indices]:
-    """The program of a grid point where contacts share the load, and the indices of the joints in it.
+    """Return the program of a grid point at which contacts share a wrench, and the indices of its joints.
 
-    counted: (n,) which joints' limits count
+    Args:
+        sharing: the sharing of the problem.
+        point: the grid point.
+        counted: whether the limit of each joint counts (n,).
     """
     stance = int(sharing.standing[point])
     family, generators = sharing.contacts[stance], sharing.contacts[stance].system.generators
@@ -97,19 +114,29 @@ def program_at(sharing: Sharing, point: int, counted: Flags) -> tuple[SharingPro
 
 
 class SharingSearch:
-    """Looks for rows on joint torques that timings violate where contacts share the load, one timing after the other.
+    """Search for torque rows that timings violate if contacts share a wrench, one timing after the other.
 
-    counted: (n,) which joints' limits count; programs: those made so far with the indices of their joints, by grid
-    point; settled: (M, 2) u and x at each end of an interval at which no row was missing, nan where one was
+    Attributes:
+        counted: whether the limit of each joint counts (n,).
+        programs: programs made so far, with the indices of their joints, by grid point.
+        settled: u and x at each interval end at which no row was missing, else nan (M, 2).
     """
 
     def __init__(self, counted: Flags) -> None:
+        """Make a search; `counted` tells whether the limit of each joint counts (n,)."""
         self.counted = counted
         self.programs: dict[int, tuple[SharingProgram, Indices]] = {}
         self.settled = np.full((0, 2), np.nan)
 
     def missing_rows(self, sharing: Sharing, points: Indices, u: Array, x: Array) -> tuple[list[SharedRow], int]:
-        """Rows that a timing violates, and programs solved; points, u, x: (M,), the same points each time."""
+        """Return the rows that a timing violates, and the number of programs solved.
+
+        Args:
+            sharing: the sharing of the problem.
+            points: grid points, the same in every call (M,).
+            u: sdd (M,).
+            x: sd^2 (M,).
+        """
         timing = np.stack([u, x], axis=1)
         if len(self.settled) != len(timing):
             self.settled = np.full(timing.shape, np.nan)
@@ -118,18 +145,18 @@ class SharingSearch:
         look = np.flatnonzero(shared & ~still)
         self.settled[look] = timing[look]
         found, solved = [], 0
-        for k, load in self._doubtful(sharing, points[look], u[look], x[look]):
+        for k, force in self._doubtful(sharing, points[look], u[look], x[look]):
             end, point = look[k], int(points[look[k]])
             if point not in self.programs:
                 self.programs[point] = program_at(sharing, point, self.counted)
-            rows, count = _rows_from(sharing, self.programs[point], point, load, (u[[end]], x[[end]]))
+            rows, count = _rows_from(sharing, self.programs[point], point, force, (u[[end]], x[[end]]))
             self.settled[end] = np.nan if rows else timing[end]
             found += rows
             solved += count
         return found, solved
 
     def _doubtful(self, sharing: Sharing, points: Indices, u: Array, x: Array) -> list[tuple[int, Array]]:
-        """Which of the ends (M,) explicit forces leave too little in reserve, each with the load (n,) that says so."""
+        """Return the interval ends at which explicit forces leave too little margin, and a generalised force (n,)."""
         if not len(points):
             return []
         affine = np.stack([u, x, np.ones(len(u))], axis=1)
@@ -141,30 +168,32 @@ class SharingSearch:
 
 
 def _rows_from(
-    sharing: Sharing, program: tuple[SharingProgram, Indices], point: int, load: Array, at: tuple[Array, Array]
+    sharing: Sharing, program: tuple[SharingProgram, Indices], point: int, force: Array, at: tuple[Array, Array]
 ) -> tuple[list[SharedRow], int]:
-    """Rows that are violated at a grid point, and programs solved: from a load (n,) to begin with to the row of its
-    dual, to the load that is worst for that, and again. at: u and x, (1,) each."""
+    """Return the rows that are violated at a grid point, and the number of programs solved.
+
+    A generalised force (n,) has a dual row, for which another one is worst, and so on. `at` is u and x, (1,) each.
+    """
     (solver, joints), here = program, sharing.loads.at(np.array([point]))
     found, solved, best = [], 0, -np.inf
     for _ in range(ROUNDS):
-        _, on_wrench, on_torque, constant, _ = solver.solve(load[:BASE], load[joints])
+        _, on_wrench, on_torque, constant, _ = solver.solve(force[:BASE], force[joints])
         solved += 1
-        row = np.zeros(len(load))
+        row = np.zeros(len(force))
         row[:BASE], row[joints] = on_wrench, on_torque
         value = float(evaluate(row[None], here, NO_BASE, NO_TERMS, *at)[0, 0]) + constant
         if value > VIOLATION and np.any(on_torque):
             found.append(SharedRow(point, row, constant, int(joints[np.argmax(np.abs(on_torque))])))
         if value <= max(best, -DOUBTFUL) + VIOLATION:
             break
-        best, load = value, worst_wrench(here, row[None], *at)[0]
+        best, force = value, worst_wrench(here, row[None], *at)[0]
     return found, solved
 
 
 def _worst_for_contacts(sharing: Sharing, points: Indices, u: Array, x: Array) -> Array:
-    """Loads (M, n) for the parameters that leave the contacts the least in reserve; points, u, x: (M,).
+    """Return the generalised forces (M, n) for the parameters with the least margin of the contacts.
 
-    Then a weak limb may have to make up for what the others cannot carry.
+    With these a weak limb may have to carry a part that the others cannot.
     """
     worst = np.empty((len(points), len(sharing.limit)))
     for stance in np.unique(sharing.standing[points]):
@@ -178,9 +207,11 @@ def _worst_for_contacts(sharing: Sharing, points: Indices, u: Array, x: Array) -
     return worst
 
 
-def _explicit_use(sharing: Sharing, counted: Flags, points: Indices, load: Array) -> Array:
-    """Share of their limits that the joints use with the smallest contact forces for loads (M, n) at grid points (M,)
-    where they are shared, (M,); infinite where the forces miss the wrench."""
+def _explicit_use(sharing: Sharing, counted: Flags, points: Indices, force: Array) -> Array:
+    """Return the share of their limits that the joints use with the smallest contact forces, (M,).
+
+    `force` is the generalised force (M, n) at grid points (M,). The share is infinite if the forces miss the wrench.
+    """
     use = np.empty(len(points))
     for k in np.unique(sharing.standing[points]):
         here, system = np.flatnonzero(sharing.standing[points] == k), sharing.contacts[k].system
@@ -189,15 +220,14 @@ def _explicit_use(sharing: Sharing, counted: Flags, points: Indices, load: Array
         for name, part in parts.items():
             every[:, part] = willingness(name)
         center = np.array([-system.generators[4].mean(), system.generators[3].mean(), 0.0])
-        wrench = load[here, :BASE].copy()
+        wrench = force[here, :BASE].copy()
         wrench[:, 3:] -= np.cross(center, wrench[:, :3])
         forces, miss = distribute(system.about([center]).generators, every, wrench, sharing.contacts[k].weight)
-        left = load[here].copy()
+        left = force[here].copy()
         for name, part in parts.items():
             push = forces[:, part] @ system.generators[:, part].T
-            left -= (np.swapaxes(sharing.dynamics.contact_jacobians[name][points[here]], 1, 2) @ push[:, :, None])[
-                :, :, 0
-            ]
+            jacobian = sharing.dynamics.contact_jacobians[name][points[here]]
+            left -= (np.swapaxes(jacobian, 1, 2) @ push[:, :, None])[:, :, 0]
         shares = np.abs(left / sharing.limit)[:, counted & ~sharing.known[points[here[0]]]]
         use[here] = np.where(miss > MISS, np.inf, shares.max(axis=1))
     return use

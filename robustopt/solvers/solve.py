@@ -1,9 +1,9 @@
-"""Solvers: one contract, same optimum.
+"""Solution of a time-scaling problem: an outer solver, repeated with the rows that its plan violates.
 
-`solve` repeats an outer solver (`reachability` or `ipopt`) until three things hold that its rows may lack: contact
-forces exist at both ends of every interval for every value of the parameters (inner programs, whose duals become rows);
-where contacts share the load, some of these forces keep the joint torques within their limits (likewise); and the
-viscous torque, which the rows have linearised, is within its limit and the linearisation has settled.
+`solve` repeats an outer solver (`reachability` or `ipopt`) until its plan fulfils three conditions, for every value of
+the parameters: contact forces supply the required wrench at both ends of every interval (inner programs, whose duals
+become rows); contacts that share a wrench can do so within the joint torque limits (likewise); and the viscous torque,
+which the rows linearise, is within its limit and the linearisation has settled.
 """
 
 from __future__ import annotations
@@ -14,54 +14,81 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from robustopt.arrays import Array
 from robustopt.limits import TimeScalingProblem
 from robustopt.limits.names import LimitKind
 from robustopt.solvers.plan import Plan, Status, binding_rows, failed_plan, interval_ends
 from robustopt.solvers.reachability import solve_reachability
 
-if TYPE_CHECKING:  # HiGHS is loaded only where a program is needed
+if TYPE_CHECKING:  # HiGHS is loaded only when a program is needed
     from robustopt.solvers.force_program import ForceProgram
     from robustopt.solvers.sharing import SharingSearch
 
 __all__ = ["Plan", "Status", "solve", "standstill"]
 
 MOST_ROUNDS = 60
-"""Rounds of rows and relinearisations; the waiter tasks take about ten."""
+"""Largest number of rounds of rows and relinearisations; the waiter tasks take about ten."""
 
 TORQUE_TOLERANCE = 1e-7
 """Fraction of a torque limit by which the relinearised torque may exceed it."""
 
 RETREAT, MOST_RETREATS = 0.2, 10
-"""A tangent about too fast a plan may forbid every slower one: then the reference is scaled down until one is left."""
+"""Factor on the reference of the linearisation if no plan is left, and how often it is applied at most: a tangent about
+too fast a plan may forbid every slower one."""
 
 NEAR_TORQUE = 1e-3
-"""A plan that comes this close to a torque limit, as a fraction of it, is linearised about: friction may help it."""
+"""Fraction of a torque limit: the viscous torque of a plan that comes closer to its limit is linearised, because joint
+friction may allow more."""
 
 SAME_DURATION = 1e-6
-"""Relinearising the viscous torque ends when it no longer changes the duration by this fraction."""
+"""Relinearising ends if it changes the duration by less than this fraction."""
 
 
 def solve(problem: TimeScalingProblem, method: str | None = None) -> Plan:
-    """The plan of a problem by the configured method, or the named one (`ipopt` or `reachability`)."""
+    """Return the optimal plan of a problem that holds for every value in the intervals.
+
+    Args:
+        problem: the problem.
+        method: `ipopt` or `reachability`; by default the configured one.
+
+    Returns:
+        The plan. If there is none, its status and message say why, and its arrays are empty.
+    """
     began = time.perf_counter()
     method = method or problem.config.solver.method
+    refused = _refused(problem, method)
+    if refused is not None:
+        return refused
+    if method == "ipopt":
+        problem = problem.with_facets(tuple(np.zeros_like(rows[:0]) for rows in problem.facets))
+    figures = {"rounds": 0.0, "inner_programs": 0.0, "inner_seconds": 0.0, "relinearisations": 0.0}
+    plan = _repeated(_outer(problem, method, None), method, figures)
+    if plan.status is Status.INFEASIBLE and (at_rest := standstill(plan.problem)) >= 0:
+        plan = replace(plan, stuck=at_rest)
+    figures["solve_seconds"] = time.perf_counter() - began
+    return replace(plan, statistics={**plan.statistics, **figures})
+
+
+def _refused(problem: TimeScalingProblem, method: str) -> Plan | None:
+    """Return a failed plan if the method cannot minimise the cost or the robot cannot stand still, else None."""
     if method == "reachability" and problem.config.solver.cost != "time" and problem.config.solver.weight > 0:
-        return failed_plan(
-            problem, Status.FAILED, method, "reachability minimises time only; use solver.method: ipopt", -1, {}
-        )
+        message = "reachability minimises time only; use solver.method: ipopt"
+        return failed_plan(problem, Status.FAILED, method, message, -1, {})
     at_rest = standstill(problem)
     if at_rest >= 0:
         return failed_plan(problem, Status.INFEASIBLE, method, Status.INFEASIBLE.sentence, at_rest, {})
-    if method == "ipopt":
-        problem = problem.with_facets(tuple(np.zeros_like(rows[:0]) for rows in problem.facets))
+    return None
+
+
+def _repeated(plan: Plan, method: str, figures: dict[str, float]) -> Plan:
+    """Return the plan after rounds of missing rows and relinearisations, until it needs no more."""
     programs: dict[int, ForceProgram] = {}
     shared: list[SharingSearch] = []
-    figures = {"rounds": 0.0, "inner_programs": 0.0, "inner_seconds": 0.0, "relinearisations": 0.0}
-    plan, before = _outer(problem, method, None), np.inf
+    before = np.inf
     for _ in range(MOST_ROUNDS):
         figures["rounds"] += 1
         if plan.status is not Status.SOLVED:
-            break
+            return plan
         tighter = _with_missing_rows(plan, method, programs, figures)
         if tighter is None:
             tighter = _with_shared_rows(plan, shared, figures)
@@ -69,30 +96,29 @@ def solve(problem: TimeScalingProblem, method: str | None = None) -> Plan:
             tighter = _relinearised(plan, before)
             figures["relinearisations"] += tighter is not None
         if tighter is None:
+            return plan
+        before, plan = plan.duration, _retreated(_outer(tighter, method, plan.x), method)
+    status = Status.ITERATION_LIMIT
+    return failed_plan(plan.problem, status, method, status.sentence, -1, plan.statistics)
+
+
+def _retreated(plan: Plan, method: str) -> Plan:
+    """Return the plan; if it is infeasible, one of the same problem linearised about slower timings."""
+    for _ in range(MOST_RETREATS):
+        if plan.status is not Status.INFEASIBLE or np.isnan(plan.problem.reference).all():
             break
-        before, plan = plan.duration, _outer(tighter, method, plan.x)
-        for _ in range(MOST_RETREATS):
-            if plan.status is not Status.INFEASIBLE or np.isnan(plan.problem.reference).all():
-                break
-            plan = _outer(plan.problem.with_reference(RETREAT * plan.problem.reference), method, None)
-    else:
-        plan = failed_plan(
-            plan.problem, Status.ITERATION_LIMIT, method, Status.ITERATION_LIMIT.sentence, -1, plan.statistics
-        )
-    if plan.status is Status.INFEASIBLE and (at_rest := standstill(plan.problem)) >= 0:
-        plan = replace(plan, stuck=at_rest)
-    figures["solve_seconds"] = time.perf_counter() - began
-    return replace(plan, statistics={**plan.statistics, **figures})
+        plan = _outer(plan.problem.with_reference(RETREAT * plan.problem.reference), method, None)
+    return plan
 
 
 def standstill(problem: TimeScalingProblem) -> int:
-    """First grid point where the robot must rest but cannot, for some value of the parameters; -1 if there is none."""
+    """Return the first grid point at which the robot must rest but cannot for some parameters, -1 if there is none."""
     slack = problem.c.max(axis=1, initial=-1.0)
     wrong = problem.rest & ((slack > 1e-9) | ~problem.feasible)
     return int(np.argmax(wrong)) if wrong.any() else -1
 
 
-def _outer(problem: TimeScalingProblem, method: str, guess: np.ndarray | None) -> Plan:
+def _outer(problem: TimeScalingProblem, method: str, guess: Array | None) -> Plan:
     if method == "reachability":
         return solve_reachability(problem)
     from robustopt.solvers.ipopt import solve_ipopt
@@ -111,18 +137,18 @@ def _with_missing_rows(
     from robustopt.solvers.force_program import ForceProgram, missing_rows, overlooked_rows
 
     began = time.perf_counter()
-    ends = interval_ends(plan.problem, plan.x, plan.u)
+    u, x, points = interval_ends(plan.problem, plan.x, plan.u)
     found = 0
     for second_look in (False, True):
         for k in incomplete:
             limit = limits[k]
             if k not in programs:
                 programs[k] = ForceProgram(limit)
-            u, x, points = (values[limit.holds_at(ends[2])] for values in ends)
+            here = limit.holds_at(points)
             if second_look:
-                rows, solved = overlooked_rows(limit, programs[k], points, u, x)
+                rows, solved = overlooked_rows(limit, programs[k], points[here], u[here], x[here])
             else:
-                rows, _, solved = missing_rows(limit, programs[k], points, u, x)
+                rows, _, solved = missing_rows(limit, programs[k], points[here], u[here], x[here])
             figures["inner_programs"] += solved
             limits[k] = limit.with_more(*rows)
             found += len(rows[0])
@@ -155,9 +181,10 @@ def _contacts_count(problem: TimeScalingProblem) -> bool:
 
 
 def _relinearised(plan: Plan, before: float) -> TimeScalingProblem | None:
-    """The problem with the viscous torque linearised about its plan, None if the plan holds the exact torque already.
+    """Return the problem with the viscous torque linearised about its plan, None if there is no need.
 
-    before: duration of the plan that the linearisation was about, which must have settled [s]
+    There is none once the plan holds the exact torque and has settled: `before` is the duration of the plan that the
+    linearisation is about [s].
     """
     problem = plan.problem
     if not problem.limits.torque.viscous.any():

@@ -1,15 +1,16 @@
-"""Timed trajectory of a plan: sampling in closed form, exports, and what binds for how long.
+"""Timed trajectory of a plan: sampling in closed form, exports, and the share of time in which each limit binds.
 
 On each interval of the grid u = sdd is constant, so with tau = t - t_i
 
     s(t) = s_i + sd_i tau + u_i tau^2 / 2,    sd(t) = sd_i + u_i tau,    t_{i+1} - t_i = 2 ds_i / (sd_i + sd_{i+1}),
 
-and q = q(s), qd = q' sd, qdd = q' sdd + q'' sd^2. Nothing is integrated numerically.
+and q = q(s), qd = q' sd, qdd = q' sdd + q'' sd^2, without numerical integration.
 """
 
 from __future__ import annotations
 
 import csv
+import json
 from dataclasses import dataclass
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
@@ -17,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robustopt.errors import ConfigError, ProblemInfeasible, SolverFailed
+from robustopt.errors import ConfigError, Infeasible, SolverFailed
 
 if TYPE_CHECKING:
     from robustopt.path import Path
@@ -26,23 +27,23 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 NO_LIMIT = "no limit"
-"""Name under which `binding_shares` counts the time in which nothing binds."""
+"""Name under which `binding_shares` counts the time in which no limit binds."""
 
 ZERO_LENGTH = 1e-13
-"""An interval of s shorter than this is a stop, a doubled grid point: s lies in [0, 1], so this is what rounding
-leaves of two equal numbers (our choice)."""
+"""An interval of s shorter than this is a stop, a doubled grid point: s lies in [0, 1], so two equal numbers differ by
+less after rounding (our choice)."""
 
 MERGE = 1e-3
-"""A last partial period shorter than this part of a period is merged into the one before it: a multiple of the
+"""A last partial period shorter than this fraction of a period is merged into the one before it: a multiple of the
 period that misses the end by rounding must not become two samples at the same time (our choice)."""
 
 MOST_SAMPLES = 10_000_000
-"""More samples than this are taken for a mistake in the period (our choice)."""
+"""Largest number of samples; more indicate a mistake in the period (our choice)."""
 
 
 @dataclass(frozen=True)
 class Samples:
-    """State of the robot at times t; T samples, n joints.
+    """States of a robot with n joints at T times.
 
     Attributes:
         t: time from the start, shape (T,), [s].
@@ -80,20 +81,20 @@ class Trajectory:
 
     @classmethod
     def from_plan(cls, plan: Plan, speed: float = 1.0) -> Trajectory:
-        """Trajectory of `plan`, run `speed` times as fast: s_run(t) = s_plan(speed t).
+        """Make the trajectory of a plan, run `speed` times as fast: s_run(t) = s_plan(speed t).
 
         Args:
-            plan: a plan that was found.
-            speed: factor on sd; sdd, and with it the joint accelerations, grows with its square.
+            plan: a plan with a timing.
+            speed: factor on sd; sdd and the joint accelerations grow with its square.
 
         Raises:
-            ProblemInfeasible: the plan is empty.
-            SolverFailed: the plan rests at both ends of an interval that has a length, so that it never ends.
+            Infeasible: the plan is empty.
+            SolverFailed: the plan rests at both ends of an interval that has a length, so it never ends.
             ConfigError: `speed` is not positive and finite.
         """
         _require_positive("speed", speed)
         if plan.x.size == 0:
-            raise ProblemInfeasible(f"There is no trajectory: {plan.message}")
+            raise Infeasible(f"There is no trajectory: {plan.message}")
         s = np.asarray(plan.s, dtype=float)
         sd = speed * np.sqrt(np.maximum(plan.x, 0.0))
         steps = interval_durations(s, sd)
@@ -106,13 +107,13 @@ class Trajectory:
 
     @property
     def duration(self) -> float:
-        """Time from start to end, sum of 2 ds / (sd_i + sd_{i+1}) [s]."""
+        """Return the time from start to end, sum of 2 ds / (sd_i + sd_{i+1}) [s]."""
         return float(self.times[-1])
 
     def sample(self, t: Array | float) -> Samples:
-        """State at the times `t`, exact for the plan's piecewise constant sdd.
+        """Return the states at times t, exact for the plan's piecewise constant sdd.
 
-        Where sdd jumps, the later value holds; at the end, the last. Before the start and after the end the robot
+        At a jump of sdd the later value holds; at the end, the last one. Before the start and after the end the robot
         holds the first and the last position with sd = sdd = 0.
 
         Args:
@@ -131,10 +132,10 @@ class Trajectory:
         return joint_motion(self.path, self.piece[i], t, s, sd, sdd)
 
     def at_gridpoints(self) -> Samples:
-        """State at the grid points, shape (P,); sdd is that of the interval that follows.
+        """Return the states at the grid points, shape (P,), with sdd of the following interval.
 
-        Before a stop, and at the end, sdd is that of the interval before: the two copies of a stop's grid point
-        have the same time and position, and the braking and the starting acceleration.
+        Before a stop, and at the end, sdd belongs to the interval before: the two copies of a stop's grid point have
+        the same time and position, the first one the braking and the second one the starting acceleration.
         """
         following = np.append(self.sdd, 0.0)
         before = np.insert(self.sdd, 0, 0.0)
@@ -143,18 +144,25 @@ class Trajectory:
         return joint_motion(self.path, self.piece, self.times, self.s, self.sd, sdd)
 
     def every(self, period: float) -> Samples:
-        """State at t = 0, period, 2 period, ... and at the end, see `sample_times`."""
+        """Return the states at t = 0, period, 2 period, ... and at the end; period in [s], see `sample_times`."""
         return self.sample(sample_times(self.duration, period))
 
 
 def joint_motion(path: Path, piece: NDArray[np.intp], t: Array, s: Array, sd: Array, sdd: Array) -> Samples:
-    """Joint state q = q(s), qd = q' sd, qdd = q' sdd + q'' sd^2 for scalars along the path, all of shape (T,)."""
+    """Return the joint states q = q(s), qd = q' sd, qdd = q' sdd + q'' sd^2.
+
+    Args:
+        path: the geometric path.
+        piece: piece of the path, shape (T,).
+        t: time, shape (T,), [s].
+        s, sd, sdd: position, speed and acceleration along the path, shape (T,), [1], [1/s], [1/s^2].
+    """
     q, q1, q2 = (path.evaluate(s, piece, order=order) for order in range(3))
     return Samples(t, s, sd, sdd, q, q1 * sd[:, None], q1 * sdd[:, None] + q2 * (sd**2)[:, None])
 
 
 def interval_durations(s: Array, sd: Array) -> Array:
-    """Time each interval of the grid takes, 2 ds / (sd_i + sd_{i+1}), shape (P-1,), [s]; 0 at a stop.
+    """Return the time of each interval, 2 ds / (sd_i + sd_{i+1}), shape (P-1,), [s]; 0 at a stop.
 
     Args:
         s, sd: position and speed along the path at the grid points, shape (P,), [1], [1/s].
@@ -175,11 +183,14 @@ def interval_durations(s: Array, sd: Array) -> Array:
 
 
 def sample_times(duration: float, period: float) -> Array:
-    """Times 0, period, 2 period, ... and `duration` itself, shape (T,), [s].
+    """Return the times 0, period, 2 period, ... and the duration itself, shape (T,), [s].
 
-    The last sample is exactly at the end, so the last step is shorter than a period when the duration is no
-    multiple of it. A last step shorter than `MERGE` periods is merged into the one before, which is then longer
-    than a period by as much.
+    The last sample is exactly at the end, so the last step is shorter than a period if the duration is no multiple of
+    it. A last step shorter than `MERGE` periods is merged into the one before, which is then longer by as much.
+
+    Args:
+        duration: duration of the trajectory [s].
+        period: time between samples [s].
 
     Raises:
         ConfigError: the period is not positive and finite, or so short that there are more than `MOST_SAMPLES`.
@@ -187,17 +198,24 @@ def sample_times(duration: float, period: float) -> Array:
     _require_positive("period", period)
     if duration > MOST_SAMPLES * period:
         raise ConfigError(
-            f"{period!r} s is too short: it gives more than {MOST_SAMPLES:,} samples in {duration:.6g} s", key="period"
+            f"found {period!r} s, which gives more than {MOST_SAMPLES:,} samples; expected a longer period",
+            key="period",
         )
     full_steps = max(int(np.ceil(duration / period - MERGE)), 1)
     return np.append(np.arange(full_steps) * period, duration)
 
 
 def binding_shares(plan: Plan) -> dict[str, float]:
-    """Share of the duration in which each limit binds, by name, largest first; the shares sum to 1.
+    """Return the share of the duration in which each limit binds, by name, largest first; the shares sum to 1.
 
-    The time of an interval on which several limits bind is divided equally among them; time in which none binds
-    counts as `NO_LIMIT`. Equal shares are in alphabetical order.
+    Limits that bind on the same interval share its time equally; time in which none binds counts as `NO_LIMIT`. Equal
+    shares are in alphabetical order.
+
+    Args:
+        plan: a plan with a timing.
+
+    Raises:
+        Infeasible: the plan is empty.
     """
     times: dict[str, float] = {}
     for step, names in zip(np.diff(Trajectory.from_plan(plan).times).tolist(), plan.active, strict=True):
@@ -208,29 +226,63 @@ def binding_shares(plan: Plan) -> dict[str, float]:
     return {name: time / total for name, time in sorted(times.items(), key=lambda item: (-item[1], item[0]))}
 
 
-def write_plan_csv(plan: Plan, path: FilePath) -> None:
-    """Write the plan at its grid points as CSV: t, s, sd, sdd, q_<joint>, qd_<joint>, qdd_<joint>.
+def export(plan: Plan, folder: FilePath | str, period: float | None = None) -> list[FilePath]:
+    """Write a plan into a folder, see `Plan.export`."""
+    folder, period = FilePath(folder), plan.problem.config.output.period if period is None else period
+    folder.mkdir(parents=True, exist_ok=True)
+    files = [folder / name for name in ("plan.csv", "trajectory.csv", "joint_trajectory.json")]
+    write_plan_csv(plan, files[0])
+    write_trajectory_csv(plan, period, files[1])
+    files[2].write_text(json.dumps(joint_trajectory(plan, period)) + "\n", encoding="utf-8")
+    return files
 
-    One row per grid point, see `Trajectory.at_gridpoints`: a stop has two rows. Every number is written such that
-    it reads back as the same floating point number.
+
+def write_plan_csv(plan: Plan, path: FilePath) -> None:
+    """Write a plan at its grid points as CSV: t, s, sd, sdd, q_<joint>, qd_<joint>, qdd_<joint>.
+
+    There is one row per grid point, see `Trajectory.at_gridpoints`; a stop has two. Every number reads back exactly.
+
+    Args:
+        plan: a plan with a timing.
+        path: name of the file.
+
+    Raises:
+        Infeasible: the plan is empty.
     """
     _write_csv(Trajectory.from_plan(plan).at_gridpoints(), plan.problem.robot.joint_names, path)
 
 
 def write_trajectory_csv(plan: Plan, period: float, path: FilePath, speed: float = 1.0) -> None:
-    """Write the plan, run `speed` times as fast, sampled every `period` seconds, with the columns of `write_plan_csv`.
+    """Write a plan sampled at a constant period as CSV, with the columns of `write_plan_csv`.
 
-    The first sample is at t = 0 and the last exactly at the end; `sample_times` says what becomes of the last
-    period, which is rarely a whole one.
+    The first sample is at t = 0 and the last exactly at the end, see `sample_times`.
+
+    Args:
+        plan: a plan with a timing.
+        period: time between samples [s].
+        path: name of the file.
+        speed: factor on the speed of the plan.
+
+    Raises:
+        Infeasible: the plan is empty.
+        ConfigError: the period is not positive, or too short.
     """
     _write_csv(Trajectory.from_plan(plan, speed).every(period), plan.problem.robot.joint_names, path)
 
 
 def joint_trajectory(plan: Plan, period: float) -> dict[str, Any]:
-    """The plan sampled every `period` seconds in the shape of a ROS `trajectory_msgs/JointTrajectory` message.
+    """Return a sampled plan in the shape of a ROS `trajectory_msgs/JointTrajectory` message.
 
-    Times are as in `write_trajectory_csv`, rounded to whole nanoseconds; all values are plain Python numbers,
-    ready for `json.dump`.
+    Times are as in `write_trajectory_csv`, rounded to whole nanoseconds. All values are plain Python numbers, ready for
+    `json.dump`.
+
+    Args:
+        plan: a plan with a timing.
+        period: time between samples [s].
+
+    Raises:
+        Infeasible: the plan is empty.
+        ConfigError: the period is not positive, or too short.
     """
     samples = Trajectory.from_plan(plan).every(period)
     points = zip(samples.t.tolist(), samples.q.tolist(), samples.qd.tolist(), samples.qdd.tolist(), strict=True)
@@ -249,16 +301,22 @@ def _ros_duration(t: float) -> dict[str, int]:
     return {"sec": sec, "nanosec": nanosec}
 
 
-def _write_csv(samples: Samples, joint_names: tuple[str, ...], path: FilePath) -> None:
+def columns(samples: Samples, joint_names: tuple[str, ...]) -> tuple[list[str], Array]:
+    """Return the heads and the rows of a table of samples: t, s, sd, sdd, q_<joint>, qd_<joint>, qdd_<joint>."""
     scalars = np.stack([samples.t, samples.s, samples.sd, samples.sdd], axis=1)
     rows = np.hstack([scalars, samples.q, samples.qd, samples.qdd])
-    header = ["t", "s", "sd", "sdd", *(f"{quantity}_{name}" for quantity in ("q", "qd", "qdd") for name in joint_names)]
+    heads = ["t", "s", "sd", "sdd", *(f"{quantity}_{name}" for quantity in ("q", "qd", "qdd") for name in joint_names)]
+    return heads, rows + 0.0  # -0.0 + 0.0 is 0.0
+
+
+def _write_csv(samples: Samples, joint_names: tuple[str, ...], path: FilePath) -> None:
+    heads, rows = columns(samples, joint_names)
     with open(path, "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(header)
-        writer.writerows((rows + 0.0).tolist())  # -0.0 + 0.0 is 0.0
+        writer.writerow(heads)
+        writer.writerows(rows.tolist())
 
 
 def _require_positive(name: str, value: float) -> None:
     if not (np.isfinite(value) and value > 0):
-        raise ConfigError(f"must be a positive number, found {value!r}", key=name)
+        raise ConfigError(f"found {value!r}; expected a number above 0", key=name)

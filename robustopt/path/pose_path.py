@@ -1,4 +1,4 @@
-"""The path of the tray in the world: straight segments between poses, with rounded corners or stops at them.
+"""The path of the carrier frame in the world: straight segments between poses, with rounded corners or stops.
 
 A segment moves on a straight line at a constant rate while the orientation turns about one axis (slerp). The length
 sigma along it counts translation and rotation alike, sqrt(|dp|^2 + (TURN_LENGTH * angle)^2), so that a turn on the
@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from robustopt.arrays import Array, Flags, Indices
 from robustopt.config import FramePose, PathConfig
 from robustopt.errors import ConfigProblem, PathError
 
@@ -28,40 +29,51 @@ HALF_TURN = np.pi - 1e-6
 
 
 @dataclass(frozen=True)
-class TrayPath:
-    """Poses of the tray along sigma in [0, length].
+class PosePath:
+    """A path of the carrier frame along sigma in [0, length].
 
-    `start` (W,): sigma of each waypoint [m]. `position` (W, 3) [m] and `rotation` (W, 3, 3): its pose in the world.
-    `velocity` (W-1, 3): dp/dsigma of each segment. `turn` (W-1, 3): its turning rate in the body frame [rad/m].
-    `blend` (W,): length rounded on each side of the waypoint [m], 0 at the ends, where it goes straight on, and at
-    stops. `stops` (W,): whether the tray stops there; it does at both ends.
+    Attributes:
+        start: sigma of each waypoint, (W,) [m].
+        position: of each waypoint in the world, (W, 3) [m].
+        rotation: of each waypoint into the world, (W, 3, 3).
+        velocity: dp/dsigma of each segment, (W-1, 3).
+        turn: turning rate of each segment in the body frame, (W-1, 3) [rad/m].
+        blend: length rounded on each side of a waypoint, (W,) [m]; 0 at the ends, at stops and on a straight line.
+        stops: True for a waypoint at which the frame stops, both ends included, (W,).
+        noun: name that the configuration gives the waypoints, `tray_poses` or `tool_poses`.
     """
 
-    start: np.ndarray
-    position: np.ndarray
-    rotation: np.ndarray
-    velocity: np.ndarray
-    turn: np.ndarray
-    blend: np.ndarray
-    stops: np.ndarray
-    noun: str = "tray_poses"
+    start: Array
+    position: Array
+    rotation: Array
+    velocity: Array
+    turn: Array
+    blend: Array
+    stops: Flags
+    noun: str
 
     @property
     def length(self) -> float:
-        """Length of the path [m]."""
+        """Return the length of the path [m]."""
         return float(self.start[-1])
 
     @property
-    def breaks(self) -> np.ndarray:
-        """Sigma of the stops, both ends included, shape (K+1,) [m]."""
+    def breaks(self) -> Array:
+        """Return sigma of the stops, both ends included, shape (K+1,) [m]."""
         return np.asarray(self.start[self.stops])
 
-    def pose(self, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Tray frame in the world at `sigma` (P,): position (P, 3) [m] and rotation (P, 3, 3).
+    def pose(self, sigma: Array) -> tuple[Array, Array]:
+        """Return the carrier frame in the world.
 
         At the corner between directions d1 and d2 with body rates w1 and w2, sigma counted from the corner:
-        p = p_corner + alpha d1 + beta d2 and R = R_corner exp(alpha w1) exp(beta w2), where alpha = min(sigma, 0) and
-        beta = max(sigma, 0) but for the blend, in which both bend smoothly (C2).
+        p = p_corner + alpha d1 + beta d2 and R = R_corner exp(alpha w1) exp(beta w2), with alpha = min(sigma, 0) and
+        beta = max(sigma, 0) outside of the blend. Inside it both bend smoothly (C2).
+
+        Args:
+            sigma: (P,) [m]
+
+        Returns:
+            position (P, 3) [m] and rotation (P, 3, 3)
         """
         corner = self._nearest_corner(sigma)
         before, after = np.maximum(corner - 1, 0), np.minimum(corner, len(self.velocity) - 1)
@@ -73,16 +85,22 @@ class TrayPath:
         return position, self.rotation[corner] @ turned.as_matrix()
 
     def label(self, sigma: float) -> str:
-        """Where `sigma` is, in the configuration's words, e.g. "between tray_poses[1] and tray_poses[2], at 40 %"."""
+        """Name the place `sigma` in the configuration's words, see `label`."""
         return label(self.start, sigma, self.noun)
 
-    def _nearest_corner(self, sigma: np.ndarray) -> np.ndarray:
+    def _nearest_corner(self, sigma: Array) -> Indices:
         middle = (self.start[1:] + self.start[:-1]) / 2
         return np.searchsorted(middle, sigma)
 
 
-def label(waypoints: np.ndarray, s: float, noun: str) -> str:
-    """Where `s` is among the `waypoints` (W,), which the configuration lists as `noun`."""
+def label(waypoints: Array, s: float, noun: str) -> str:
+    """Name the place of `s` among the `waypoints` (W,), such as "between joints[1] and joints[2], at 40 %".
+
+    Args:
+        waypoints: places of the waypoints, in the unit of s, (W,)
+        s: the place
+        noun: key under which the configuration lists the waypoints
+    """
     nearest = int(np.argmin(np.abs(waypoints - s)))
     if abs(waypoints[nearest] - s) < 1e-9:
         return f"at {noun}[{nearest}]"
@@ -92,41 +110,42 @@ def label(waypoints: np.ndarray, s: float, noun: str) -> str:
     return f"between {noun}[{after - 1}] and {noun}[{after}], at {share} %"
 
 
-def tray_path(path: PathConfig) -> TrayPath:
-    """The path through `path.tray_poses`.
+def pose_path(path: PathConfig) -> PosePath:
+    """Return the path through `path.tray_poses` or `path.tool_poses`.
 
-    Raises PathError for fewer than two poses, repeated poses, and turns by half a turn.
+    Raises:
+        PathError: for fewer than two poses, repeated poses, and turns by half a turn
     """
-    poses, key = path.poses or (), path.poses_key
+    poses, noun = path.poses or (), path.poses_key
     if len(poses) < 2:
-        raise PathError(f"a path needs at least two poses; there is {len(poses) or 'none'}", key=f"path.{key}")
+        raise PathError(f"a path needs at least two poses; there is {len(poses) or 'none'}", key=f"path.{noun}")
     position = np.array([pose.position for pose in poses])
     rotation = np.array([orientation(pose) for pose in poses])
     angle = Rotation.from_matrix(rotation[:-1].transpose(0, 2, 1) @ rotation[1:]).as_rotvec()
     length = np.hypot(np.linalg.norm(np.diff(position, axis=0), axis=1), TURN_LENGTH * np.linalg.norm(angle, axis=1))
-    _check_segments(length, angle, key)
+    _check_segments(length, angle, noun)
     velocity, turn = np.diff(position, axis=0) / length[:, None], angle / length[:, None]
     blend, stops = _corners(velocity, turn, length, path.blend)
     start = np.concatenate(([0.0], np.cumsum(length)))
-    return TrayPath(start, position, rotation, velocity, turn, blend, stops, key)
+    return PosePath(start, position, rotation, velocity, turn, blend, stops, noun)
 
 
-def orientation(pose: FramePose) -> np.ndarray:
-    """Rotation (3, 3) of a tray pose; level and unturned where the configuration says nothing."""
+def orientation(pose: FramePose) -> Array:
+    """Return the rotation (3, 3) of a pose; level and not turned if the configuration gives none."""
     if pose.quaternion is not None:
         return np.asarray(Rotation.from_quat(pose.quaternion, scalar_first=True).as_matrix())
     return np.asarray(Rotation.from_euler("xyz", pose.rpy or (0.0, 0.0, pose.yaw or 0.0)).as_matrix())
 
 
-def _check_segments(length: np.ndarray, angle: np.ndarray, key: str) -> None:
+def _check_segments(length: Array, angle: Array, noun: str) -> None:
     problems = [
-        ConfigProblem(f"path.{key}[{i + 1}]", f"repeats {key}[{i}]; leave one of them out")
+        ConfigProblem(f"path.{noun}[{i + 1}]", f"repeats {noun}[{i}]; leave one of them out")
         for i in np.flatnonzero(length < SAME_POSE)
     ]
     problems += [
         ConfigProblem(
-            f"path.{key}[{i + 1}]",
-            f"is half a turn from {key}[{i}], which leaves open which way round; put a pose between them",
+            f"path.{noun}[{i + 1}]",
+            f"is half a turn from {noun}[{i}], which leaves open which way round; put a pose between them",
         )
         for i in np.flatnonzero(np.linalg.norm(angle, axis=1) > HALF_TURN)
     ]
@@ -134,8 +153,8 @@ def _check_segments(length: np.ndarray, angle: np.ndarray, key: str) -> None:
         raise PathError(problems)
 
 
-def _corners(velocity: np.ndarray, turn: np.ndarray, length: np.ndarray, blend: float) -> tuple[np.ndarray, np.ndarray]:
-    """Blend length and stop of every waypoint: straight through, rounded, or a stop."""
+def _corners(velocity: Array, turn: Array, length: Array, blend: float) -> tuple[Array, Flags]:
+    """Return blend length and stop of every waypoint: straight through, rounded, or a stop."""
     direction = np.hstack((velocity, TURN_LENGTH * turn))
     cosine = np.sum(direction[:-1] * direction[1:], axis=1)
     straight = np.linalg.norm(np.diff(direction, axis=0), axis=1) < STRAIGHT
@@ -144,8 +163,8 @@ def _corners(velocity: np.ndarray, turn: np.ndarray, length: np.ndarray, blend: 
     return np.concatenate(([0.0], inner, [0.0])), np.concatenate(([True], ~straight & ~rounded, [True]))
 
 
-def _corner_lengths(sigma: np.ndarray, blend: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How far along the old and the new direction, (alpha, beta), at `sigma` from a corner.
+def _corner_lengths(sigma: Array, blend: Array) -> tuple[Array, Array]:
+    """Return the lengths along the old and the new direction, (alpha, beta), at `sigma` from a corner.
 
     beta is the integral of the smoothstep 3 t^2 - 2 t^3, t = (sigma + r) / (2 r): from 0 at -r to r at r, with second
     derivatives 0 at both; alpha = sigma - beta.
