@@ -1,4 +1,4 @@
-"""What the keys of the configuration expect, in words: for error messages and the reference page."""
+"""Types and values of the configuration in words, for error messages and the reference page."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ _COUNTS = {2: "two", 3: "three", 4: "four", 6: "six"}
 
 
 def fields(model: type[Section]) -> dict[str, Any]:
-    """Keys of a section that a configuration may give, with their annotated types."""
+    """Return the annotated types of the keys that a configuration may give in a section, by key."""
     hints = get_type_hints(model, include_extras=True)
     return {name: hints[name] for name, info in model.model_fields.items() if not info.exclude}
 
 
 def unwrap(annotation: Any) -> tuple[Any, tuple[Any, ...]]:
-    """A type without `Annotated`, and the constraints that were on it."""
+    """Return a type without `Annotated`, and its constraints."""
     if get_origin(annotation) is Annotated:
         inner, *notes = get_args(annotation)
         base, more = unwrap(inner)
@@ -38,7 +38,7 @@ def _constraints(notes: Sequence[Any]) -> Iterator[Any]:
 
 
 def choices(annotation: Any) -> tuple[Any, ...]:
-    """The alternatives of a union, without null; the type itself where it is none."""
+    """Return the alternatives of a union without null, or the type itself."""
     base, notes = unwrap(annotation)
     if get_origin(base) in (Union, types.UnionType):
         return tuple(choice for choice in get_args(base) if choice is not type(None))
@@ -46,7 +46,7 @@ def choices(annotation: Any) -> tuple[Any, ...]:
 
 
 def expected(annotation: Any, constraints: Sequence[Any] = ()) -> str:
-    """A type in words: `a number above 0 or a mapping of names to numbers above 0`."""
+    """Describe a type: `a number above 0, or a mapping of names to numbers above 0`."""
     options = choices(annotation)
     return ", or ".join(_one(option, constraints if len(options) == 1 else ()) for option in options)
 
@@ -63,7 +63,7 @@ def _several(annotation: Any) -> str:
 
 
 def _noun(annotation: Any, constraints: Sequence[Any]) -> tuple[str, str]:
-    """Noun of a type and what follows it, so that the noun can be put into the plural."""
+    """Return the noun of a type and the words after it, so that the noun can be put into the plural."""
     base, notes = unwrap(annotation)
     origin, arguments = get_origin(base), get_args(base)
     if origin is Literal:
@@ -99,34 +99,34 @@ def _number(value: Any) -> str:
 
 
 def meaning(info: FieldInfo) -> str:
-    """Description of a field without its unit."""
+    """Return the description of a field without its unit."""
     return re.sub(r"\s*\[[^\[\]]*\]$", "", info.description or "")
 
 
 def purpose(info: FieldInfo) -> str:
-    """First clause of the description of a field."""
+    """Return the first clause of the description of a field."""
     return meaning(info).split(";")[0]
 
 
 def unit(info: FieldInfo) -> str:
-    """Unit of a field, from the brackets at the end of its description."""
+    """Return the unit of a field, from the brackets at the end of its description."""
     found = re.search(r"\[([^\[\]]*)\]$", info.description or "")
     return found[1] if found and "," not in found[1] else ""
 
 
 def in_unit(info: FieldInfo) -> str:
-    """` in metres`, or nothing for a field without a unit."""
+    """Return ` in metres`, or nothing for a field without a unit."""
     symbol = unit(info)
     return f" in {_UNITS.get(symbol, symbol)}" if symbol else ""
 
 
 def default(info: FieldInfo) -> Any:
-    """Default of a field, or None where it must be given."""
+    """Return the default of a field, or None if it must be given."""
     return None if info.default is PydanticUndefined else info.default
 
 
 def found(value: Any) -> str:
-    """A value as it was found, short enough for one line."""
+    """Describe a value that was found, short enough for one line."""
     if value is None:
         return "nothing"
     if isinstance(value, bool):
