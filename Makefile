@@ -1,4 +1,4 @@
-# robustopt. `make demo` and `make test` do all the set-up they need: a virtual environment in .venv with pinned versions.
+# `make demo` and `make test` set up all they need: a virtual environment in .venv with the versions of constraints.txt.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -7,9 +7,9 @@ RUN := $(BIN)/robustopt
 export OPENBLAS_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow lint format type docs bench bench-execution bench-learners reproduce-tables reproduce-all clean
+.PHONY: help demo test test-slow lint format type hooks docs bench bench-execution bench-learners reproduce-tables reproduce-all clean
 
-help:  ## what each target does
+help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 20
 
 $(VENV)/.run: pyproject.toml constraints.txt
@@ -23,46 +23,50 @@ $(VENV)/.test: $(VENV)/.run
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[test,robots]'
 	@touch $@
 
-demo: $(VENV)/.run  ## install, then plan the two-block waiter task; the run is left in results/demo
+demo: $(VENV)/.run  ## install, then plan the two-block waiter task into results/demo
 	rm -rf results/demo
 	$(RUN) plan configs/waiter_two_blocks.yaml --out results/demo
 
 test: $(VENV)/.test  ## install, then run the tests
 	$(BIN)/pytest -n 2
 
-test-slow: $(VENV)/.test  ## the tests that take minutes
+test-slow: $(VENV)/.test  ## run the tests that take minutes
 	$(BIN)/pytest -m slow
 
-lint: $(VENV)/.test  ## ruff
+lint: $(VENV)/.test  ## check style and format with ruff
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
-format: $(VENV)/.test  ## rewrite the code in the project's format
+format: $(VENV)/.test  ## rewrite the code in the format of ruff
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-type: $(VENV)/.test  ## mypy --strict
+type: $(VENV)/.test  ## check the types with mypy --strict
 	$(BIN)/mypy
 
-docs: $(VENV)/.run  ## the reference of the configuration and its JSON Schema
+hooks: $(VENV)/.test  ## install the checks that run before each commit
+	$(BIN)/pip install --quiet --disable-pip-version-check pre-commit
+	$(BIN)/pre-commit install
+
+docs: $(VENV)/.run  ## write the reference of the configuration and its JSON Schema
 	$(BIN)/python -m robustopt.config.schema
 
-bench: $(VENV)/.test  ## time the solvers side by side; writes results/benchmarks
+bench: $(VENV)/.test  ## time the solvers side by side, into results/benchmarks
 	$(BIN)/python experiments/bench_planning.py
 
-bench-execution: $(VENV)/.test  ## executor against a bare MuJoCo rollout, and its memory; writes results/benchmarks
+bench-execution: $(VENV)/.test  ## time executions beside a bare MuJoCo rollout, into results/benchmarks
 	$(BIN)/python experiments/bench_execution.py
 
-bench-learners: $(VENV)/.test  ## learners of several parameters, on synthetic problems and in MuJoCo; writes results/benchmarks
+bench-learners: $(VENV)/.test  ## compare the learners of several parameters, into results/benchmarks
 	$(BIN)/python experiments/bench_learners.py
 	$(BIN)/python experiments/bench_learners_real.py
 
-reproduce-tables: $(VENV)/.run  ## the paper's tables and figure, beside the paper's numbers; writes results/tables
+reproduce-tables: $(VENV)/.run  ## write the paper's tables and figures beside ours, into results/tables
 	$(BIN)/python experiments/reproduce.py
 
-reproduce-all: $(VENV)/.run  ## everything beyond the paper too, over an hour; goes on where it was interrupted
+reproduce-all: $(VENV)/.run  ## write all tables, over an hour; resumes after an interruption
 	$(BIN)/python experiments/reproduce.py --all
 
-clean:  ## remove the environment and what the tools left
+clean:  ## remove the environment and the caches of the tools
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

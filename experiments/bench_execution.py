@@ -1,8 +1,8 @@
-"""How fast plans are executed, side by side with a bare `mujoco.rollout` of the same model and controls.
+"""Time the execution of plans beside a bare `mujoco.rollout` of the same model and controls.
 
     python experiments/bench_execution.py [--quick] [--out results/benchmarks]
 
-Writes execution.md: `make bench-execution`. A minute or two, and several more for the memory of many trials.
+`make bench-execution` writes execution.md. It takes a minute or two, and several more for the memory of many trials.
 """
 
 from __future__ import annotations
@@ -39,19 +39,19 @@ MEMORY = "import sys; sys.path.insert(0, sys.argv[1]); import bench_execution as
 
 
 def two_blocks() -> Plan:
-    """The plan of the two-block task."""
+    """Return the plan of the two-block task."""
     return plan_of("waiter_two_blocks", OVERRIDES)
 
 
 def plan_of(name: str, overrides: Sequence[str] = ()) -> Plan:
-    """The plan of a shipped task."""
+    """Return the plan of a shipped task."""
     from robustopt.limits import build_problem
 
     return solve(build_problem(load_config(ROOT / "configs" / f"{name}.yaml", overrides)))
 
 
 def side_by_side(plan: Plan, repetitions: int) -> tuple[int, dict[str, np.ndarray]]:
-    """Steps in a chunk of trials, and seconds per chunk of a bare rollout and of the executor."""
+    """Return the steps in a chunk of trials, and the seconds per chunk of a bare rollout and of the executor."""
     config = plan.problem.config
     assert config.execution is not None
     planned = reference(Trajectory.from_plan(plan), config.execution.timestep, config.execution.hold)
@@ -75,29 +75,29 @@ def side_by_side(plan: Plan, repetitions: int) -> tuple[int, dict[str, np.ndarra
 
 
 def print_memory(trials: int) -> None:
-    """Print the largest memory of this process after so many trials [MB]."""
+    """Print the peak memory of this process after a number of trials [MB]."""
     plan = two_blocks()
-    execute(plan.problem.config, plan, trials=trials)
+    execute(plan, trials=trials)
     print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
 
 
 def memory(trials: int) -> int:
-    """Largest memory of a process that runs so many trials [MB]."""
+    """Return the peak memory of a process that runs a number of trials [MB]."""
     command = [sys.executable, "-c", MEMORY, str(Path(__file__).parent), str(trials)]
     return int(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
 
 
 def report(quick: bool) -> str:
     """All measurements as a page."""
-    facts = machine_facts(("mujoco", "numpy", "loky"))
+    facts = machine_facts(("mujoco", "numpy"))
     plan = two_blocks()
     steps, seconds = side_by_side(plan, 2 if quick else 9)
     best = {name: steps / times.min() for name, times in seconds.items()}
     middle = {name: steps / np.median(times) for name, times in seconds.items()}
     trials = 25 if quick else 100
-    whole = interleaved({"all": lambda: execute(plan.problem.config, plan, trials=trials)}, 1 if quick else 3)["all"]
+    whole = interleaved({"all": lambda: execute(plan, trials=trials)}, 1 if quick else 3)["all"]
     stepping = plan_of("humanoid_step")
-    walk = interleaved({"walk": lambda: execute(stepping.problem.config, stepping, trials=1)}, 2 if quick else 9)
+    walk = interleaved({"walk": lambda: execute(stepping, trials=1)}, 2 if quick else 9)
     counts = (25, 50) if quick else (100, 2000)
     sizes = [memory(count) for count in counts]
     lines = [

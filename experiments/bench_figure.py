@@ -1,4 +1,4 @@
-"""Figure of the computing times: log-log against the number of collocation points, every curve labelled at its end."""
+"""Figure of the computing times over the number of collocation points, log-log, each curve labelled at its end."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ CURVES = (
 )
 
 LABEL_GAP = 0.17
-"""Least distance of two labels, in decades of seconds."""
+"""Least distance between two labels, in decades of seconds."""
 
 
 def write_figure(records: Sequence[Record], folder: Path) -> list[Path]:
@@ -64,14 +64,14 @@ def times_figure(records: Sequence[Record]) -> Figure:
 
 
 def curve(records: Sequence[Record], part: str, solver: str, uncertainty: str | None) -> tuple[list[int], list[float]]:
-    """N and median seconds of a solver on the two-block task."""
+    """Return N and the median seconds of a solver on the two-block task."""
     wanted = (part, "waiter_two_blocks", solver, uncertainty)
     fits = [r for r in records if (r["part"], r["config"], r["solver"], r.get("uncertainty")) == wanted]
     return [int(r["N"]) for r in fits], [float(r["seconds"]) for r in fits]
 
 
 def _label(axes: Axes, ends: Sequence[tuple[int, float, str, str]]) -> None:
-    """Labels right of the curves that end at the right, moved up where they would touch; above the other curves."""
+    """Label the curves that reach the right edge beside it, without overlap, and the others above their ends."""
     right, height = max(end[0] for end in ends), -99.0
     for points, seconds, label, colour in sorted(ends, key=lambda end: end[1]):
         if points < right:

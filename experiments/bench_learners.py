@@ -12,7 +12,6 @@ import argparse
 import csv
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import as_completed
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -20,14 +19,14 @@ from pathlib import Path
 import numpy as np
 from learner_contenders import OURS, contenders
 from learner_figure import Panel, write_figure
-from loky import ProcessPoolExecutor
 from monotone_problems import HELD_OUT, Array, Problem, problem
 
 from robustopt.confidence import paper_executions, phi
+from robustopt.errors import RobustOptError
 from robustopt.learning.branch_and_bound import BranchAndBound, BranchState
 from robustopt.learning.learner import Executed, Planned
 from robustopt.learning.parameters import Parameter
-from robustopt.processes import cores
+from robustopt.processes import cores, in_processes
 from robustopt.tables import Column, Table, Value, markdown_text
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -39,18 +38,18 @@ CLOSE = 0.05
 """Regret that counts as found."""
 
 LENIENT = 0.1
-"""An incumbent of a true success rate this much under the one asked for still counts; below, b is what one has."""
+"""Largest deficit of an incumbent's actual success rate; with a larger one, b counts as the incumbent."""
 
 FEW = {"optuna GP": 3}
-"""Most seeds of methods that take long to propose."""
+"""Largest number of seeds of methods that take long to propose."""
 
 K = 1.0
-"""Of the noisy world: N_e(K) executions in a row, success rate Phi(K)."""
+"""K of the noisy world: N_e(K) executions in a row, success rate Phi(K)."""
 
 
 @dataclass(frozen=True)
 class World:
-    """name; noise: of the margin; budgets: executions of `bnb-informed` and of the others"""
+    """A world: noise is the standard deviation of the margin, budgets are those of `bnb-informed` and of the others."""
 
     name: str
     noise: float
@@ -63,7 +62,7 @@ DIMENSIONS = (2, 3, 4)
 
 
 def one_run(world: World, k: int, method: str, seed: int) -> dict[str, Value]:
-    """Regret after every execution of one run, and what it proved."""
+    """Return the regret after every execution of one run, and the proven gap."""
     warnings.simplefilter("ignore")  # Optuna announces that constraints and multivariate sampling are experimental
     rate = phi(K) if world.noise else 0.5
     task = problem(k, seed, HELD_OUT, world.noise, rate)
@@ -93,7 +92,7 @@ def one_run(world: World, k: int, method: str, seed: int) -> dict[str, Value]:
 
 
 def states(learner: BranchAndBound, execute: Callable[[Array, int], bool]) -> Iterator[BranchState]:
-    """The state of a learner over the unit cube after every execution of a point (k,) with a number."""
+    """Yield the state of a learner over the unit cube after every execution of a point (k,) with a number."""
     state = learner.initial()
     while (request := learner.ask(state)) is not None:
         if request.executions == 0:
@@ -109,19 +108,19 @@ def unit_cube(k: int) -> tuple[Parameter, ...]:
 
 
 def executions_to(regrets: Sequence[float]) -> int | None:
-    """Executions from which the regret is at most `CLOSE` to the end, given what it is after each; None without."""
+    """Return the number of executions from which the regret stays at most `CLOSE`; None without one."""
     wrong = [i for i, value in enumerate(regrets) if value > CLOSE]
     return None if wrong and wrong[-1] == len(regrets) - 1 else (wrong[-1] + 2 if wrong else 1)
 
 
 def incumbent_rate(learner: BranchAndBound, state: BranchState, task: Problem) -> float | None:
-    """True success rate of the incumbent; None without one."""
+    """Return the actual success rate of the incumbent; None without one."""
     best = learner.best(state)
     return None if best is None else float(task.success_rate(np.array([v for _, v in best.trial.belief.parameters]))[0])
 
 
 def regret(learner: BranchAndBound, state: BranchState, task: Problem, rate: float) -> float:
-    """Cost of the incumbent over the optimum, minus 1; that of b where there is none, or one that fails too often."""
+    """Return the cost of the incumbent, or of b without a good one, over the optimum, minus 1."""
     best = learner.best(state)
     point = np.ones(task.k) if best is None else np.array([value for _, value in best.trial.belief.parameters])
     if task.noise and task.success_rate(point)[0] < rate - LENIENT:
@@ -146,25 +145,25 @@ COLUMNS = (
 
 BELOW = """
 - Medians over seeds. Regret: cost of the incumbent over the true optimum, minus 1; before the first success the
-  incumbent is b, which succeeds by assumption. "Executions to 5 %": from there to the end of the run the regret is at
+  incumbent is b, which succeeds by assumption. "Executions to 5 %": from then to the end of the run the regret is at
   most 5 %; a run that does not get there counts as more than its budget ({budgets}). An empty
   cell: the median run does not.
 - Problems: `experiments/monotone_problems.py`, the shapes {shapes}, on which no constant of a learner was chosen. The
   true optimum is found by brute force on the boundary.
-- Noisy: the margin of an execution has a deviation of {noise:g} (parameters lie in [0, 1]); asked for is a success
-  rate of {rate:.3f}, which the other methods test by {executions} successes in a row. Every execution counts. An
-  incumbent whose true rate is more than {lenient:g} below that counts as b.
-- Random search, the grid and Optuna's samplers never execute what monotony decides or what costs more than the
-  incumbent; Optuna's samplers get the answers that follow from it for nothing, and success as a constraint.
-{gp}- "Incumbents under the rate": of the incumbents after 40 executions, those whose true success rate is under the one
-  asked for, by however little; without noise there is none.
-- "Proven gap": incumbent over lower bound after 40 executions, minus 1. In the noisy world that of `bnb-informed`
-  holds by its model, that of the others by their verdicts.
+- Noisy: the margin of an execution has a standard deviation of {noise:g} (parameters lie in [0, 1]); the required
+  success rate is {rate:.3f}, which the other methods test by {executions} successes in a row. Every execution
+  counts. An incumbent whose actual rate is more than {lenient:g} below that counts as b.
+- Random search, the grid and Optuna's samplers never execute a point that monotony decides or that costs more than
+  the incumbent. Optuna's samplers get the inferences from monotony at no cost, and success as a constraint.
+{gp}- "Incumbents under the rate": of the incumbents after 40 executions, the share whose actual success rate is
+under the required one, by however little; without noise there is none.
+- "Proven gap": incumbent over lower bound after 40 executions, minus 1. In the noisy world the bound of
+  `bnb-informed` holds by its model, the others by their verdicts.
 """
 
 
 def summary(runs: Sequence[dict[str, Value]]) -> list[dict[str, Value]]:
-    """One record per world, number of parameters and method."""
+    """Return one record per world, number of parameters and method."""
     records: list[dict[str, Value]] = []
     for world, k in product(WORLDS, DIMENSIONS):
         here = [run for run in runs if run["world"] == world.name and run["k"] == k]
@@ -199,7 +198,7 @@ WHOLE = ("k", "seed", "to_5_percent", "executions")
 
 
 def read_runs(path: Path) -> list[dict[str, Value]]:
-    """The runs of an earlier call."""
+    """Read the runs of an earlier call."""
     if not path.exists():
         return []
     with path.open(encoding="utf-8", newline="") as file:
@@ -220,7 +219,7 @@ def write_runs(runs: Sequence[dict[str, Value]], path: Path) -> None:
 
 
 def write_report(runs: Sequence[dict[str, Value]], folder: Path) -> list[Path]:
-    """learners.md and learners.svg from the runs."""
+    """Write learners.md and learners.svg from the runs."""
     missing = {run["method"] for run in runs} >= {"optuna GP"}
     gp = "" if missing else "- Optuna's GP sampler is run where torch is installed, which it needs; it was not here.\n"
     below = BELOW.format(
@@ -236,7 +235,7 @@ def write_report(runs: Sequence[dict[str, Value]], folder: Path) -> list[Path]:
 
 
 def panels(records: Sequence[dict[str, Value]]) -> list[list[Panel]]:
-    """Panels of the figure: a row per world, a column per number of parameters."""
+    """Return the panels of the figure: a row per world, a column per number of parameters."""
     return [
         [(f"{k} parameters, {world.name}", [r for r in records if (r["world"], r["k"]) == (world.name, k)])
          for k in dict.fromkeys(record["k"] for record in records)]
@@ -266,16 +265,12 @@ def main() -> None:
     def place(run: dict[str, Value]) -> tuple[int, int, int, int]:
         return order.index(run["world"]), run["k"], names.index(run["method"]), run["seed"]
 
-    pool = ProcessPoolExecutor(arguments.workers)
-    try:
-        for number, done in enumerate(as_completed([pool.submit(one_run, *task) for task in tasks]), 1):
-            runs.append(done.result())
-            if number % 50 == 0 or number == len(tasks):
-                runs.sort(key=place)
-                write_runs(runs, path)
-                print(f"{number} of {len(tasks)} runs", flush=True)
-    finally:
-        pool.shutdown(kill_workers=True)
+    for number, run in enumerate(in_processes(one_run, tasks, arguments.workers, RobustOptError), 1):
+        runs.append(run)
+        if number % 50 == 0 or number == len(tasks):
+            runs.sort(key=place)
+            write_runs(runs, path)
+            print(f"{number} of {len(tasks)} runs", flush=True)
     for file in (path, *write_report(runs, arguments.out)):
         print(file)
 

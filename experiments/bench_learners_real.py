@@ -28,24 +28,24 @@ BUDGET = 40
 """Executions of every run."""
 
 BRUTE_FORCE = "brute force"
-"""Method of the line that has the true optimum."""
+"""Method of the line of the true optimum."""
 
 SLOW = ("optuna GP",)
 """Methods that take long to propose."""
 
 PLANS = 1000
-"""Nodes of the guide, as by default; they come from the table of f*, which is as coarse or finer."""
+"""Number of nodes of the guide, as by default; they come from the table of f*, which is as coarse or finer."""
 
 
 def true_optimum(task: Task, world: RealProblem) -> dict[str, Value]:
-    """The line of brute force: duration of the fastest plan that succeeds, and executions that it took."""
+    """Return the line of brute force: the duration of the fastest plan that succeeds, and the executions."""
     before = world.executions
     best = optimum(world.cost, world.execute, task.k, task.columns)
     return line(task, BRUTE_FORCE, 0, [world.duration(best)], None) | {"executions": world.executions - before}
 
 
 def one_run(task: Task, world: RealProblem, method: str, seed: int) -> dict[str, Value]:
-    """Duration of the incumbent after every execution of one run, and what it proved; without one, that of b."""
+    """Return the duration of the incumbent, or of b, after every execution of one run, and the proven gap."""
     warnings.simplefilter("ignore")  # Optuna announces that constraints and multivariate sampling are experimental
     make = contenders()[method]
     settings = {} if make in OURS else {"seed": seed}
@@ -60,7 +60,7 @@ def one_run(task: Task, world: RealProblem, method: str, seed: int) -> dict[str,
 
 
 def line(task: Task, method: str, seed: int, durations: list[float], gap: float | None) -> dict[str, Value]:
-    """A line of the CSV; after the end of a run its incumbent stays."""
+    """Return a line of the CSV; after the end of a run its incumbent stays."""
     at = {f"after_{n}": durations[min(n, len(durations)) - 1] for n in range(1, BUDGET + 1)}
     return {"task": task.name, "method": method, "seed": seed, "executions": len(durations), "gap": gap, **at}
 
@@ -95,16 +95,17 @@ every plan executed in MuJoCo. Learned are
 """
 
 BELOW = """
-- Medians over runs. Regret: duration of the incumbent over the true optimum, minus 1; before the first success that of
-  b, or where b has no plan, of the slowest plan of the table of f*. "Executions to 5 %": from there to the end of the
-  run the regret is at most 5 %. All methods have {budget} executions. An empty cell: the median run does not get there.
-- One execution decides: nothing is random in these worlds, for which the waiter's tray is not pushed as it is in Table
-  3. So the learners have one run each, and the seeds of the other methods are of their own choices.
+- Medians over runs. Regret: duration of the incumbent over the true optimum, minus 1; before the first success the
+  plan of b counts, or if b has no plan, the slowest plan of the table of f*. "Executions to 5 %": from then to the
+  end of the run the regret is at most 5 %. All methods have {budget} executions. An empty cell: the median run does
+  not get there.
+- One execution decides: nothing is random in these worlds, for which the waiter's tray is not pushed as it is in
+  Table 3. So the learners have one run each, and the seeds of the other methods are of their own choices.
 - The methods choose by f* interpolated (log-linearly) between the nodes of a table of plans: {nodes}, in the order of
-  the tasks. What is executed is the plan itself, and the regret is that of its own duration.
+  the tasks. The plan itself is executed, and the regret is from its own duration.
 - The true optimum is by brute force: columns along the last parameter ({columns}), then {fine} times as dense around
   the best. In each the slowest plan that would be {resolution:g} % faster than the best so far is executed, and the
-  column is bisected if it succeeds. Regret can be negative by the {resolution:g} %, and by what lies between columns.
+  column is bisected if it succeeds. Regret can be negative by the {resolution:g} %, and by plans between columns.
 - "Proven gap": incumbent over lower bound at the end of the run, minus 1; a run ends when it is at most 1 %, when no
   undecided plan is worth a test, or with the budget.
 {gp}
@@ -112,11 +113,11 @@ True optima:
 
 """
 
-WITHOUT_GP = "- Optuna's GP sampler is run where torch is installed, which it needs; these runs were made without it.\n"
+WITHOUT_GP = "- Optuna's GP sampler runs only if torch is installed, which it needs; these runs were made without it.\n"
 
 
 def summary(runs: Sequence[dict[str, Value]]) -> list[dict[str, Value]]:
-    """One record per task and method."""
+    """Return one record per task and method."""
     records: list[dict[str, Value]] = []
     for task in dict.fromkeys(run["task"] for run in runs):
         here = [run for run in runs if run["task"] == task]
@@ -145,7 +146,7 @@ def summary(runs: Sequence[dict[str, Value]]) -> list[dict[str, Value]]:
 
 
 def write_report(runs: Sequence[dict[str, Value]], tasks: Sequence[Task], folder: Path) -> list[Path]:
-    """learners_real.md and learners_real.svg from the runs, of the tasks that have some."""
+    """Write learners_real.md and learners_real.svg from the runs, for the tasks that have some."""
     records = summary(runs)
     shown = dict.fromkeys(str(record["task"]) for record in records)
     tasks = [task for task in tasks if task.name in shown]
@@ -166,7 +167,7 @@ def write_report(runs: Sequence[dict[str, Value]], tasks: Sequence[Task], folder
 
 
 def missing_runs(task: Task, methods: Sequence[str], runs: Sequence[dict[str, Value]]) -> list[tuple[str, int]]:
-    """Methods and seeds of a task that are still to be run; ours draw nothing, so they have one seed."""
+    """Return the methods and seeds of a task that are missing; ours are not random, so they have one seed."""
     done = {(run["method"], run["seed"]) for run in runs if run["task"] == task.name}
     ours = [learner.name for learner in OURS]
     seeds = {method: 1 if method in ours else task.seeds[method in SLOW] for method in methods}

@@ -1,8 +1,8 @@
-"""How long planning takes, side by side with other solvers of the same rows and with the paper.
+"""Time planning beside other solvers of the same rows and beside the paper.
 
     python experiments/bench_planning.py [--quick] [--out results/benchmarks]
 
-Writes planning.csv, planning.md and planning.svg (and .png): `make bench`. A few minutes; `--quick` is for the tests.
+`make bench` writes planning.csv, planning.md and planning.svg (and .png) in a few minutes; `--quick` is for the tests.
 """
 
 from __future__ import annotations
@@ -59,19 +59,21 @@ BATCHES: dict[str, dict[str, tuple[float, float]]] = {
         "uncertainty.joint_acceleration.deviation": (0.0, 0.3),
     },
 }
-"""Beliefs that differ from setting to setting of a batch, and the range that they are drawn from."""
+"""Ranges of the parameters that differ from setting to setting of a batch."""
 
 REFERENCE = 1000
-"""N up to which a whole plan is repeated in full, and beyond which the less, the more points it has."""
+"""Largest N for which a whole plan is repeated in full; larger problems are repeated less often."""
 
 
 @dataclass(frozen=True)
 class Size:
-    """How much is measured: numbers of collocation points and repetitions of each part.
+    """The extent of the benchmark: numbers of collocation points and repetitions of each part.
 
-    growth: grids whose time per point is compared with the first, where fixed costs hardly count; growth_turn: how long
-    each of them is repeated before the next has its turn [s]; from_source: cold starts with nothing compiled;
-    commands: runs of each whole process
+    Attributes:
+        growth: Grids whose time per point is compared with the first; they are so fine that fixed costs hardly count.
+        growth_turn: Time for which each of them is repeated in turn [s].
+        from_source: Number of cold starts with nothing compiled.
+        commands: Number of runs of each whole process.
     """
 
     rows: tuple[int, ...] = (100, 200, 500, 1000, 2000, 5000)
@@ -103,7 +105,7 @@ def configured(name: str, points: int, *overrides: str) -> Config:
 
 
 def task(name: str, *overrides: str) -> Callable[[int], TimeScalingProblem]:
-    """The problem of a config for any N, its robot and path at hand: they do not depend on N."""
+    """Return a function from N to the problem of a configuration; robot and path do not depend on N and are shared."""
     config = configured(name, 200, *overrides)
     robot = load_robot(config)
     path = build_path(config, robot)
@@ -118,7 +120,7 @@ def solved(problem: TimeScalingProblem, method: str = "reachability") -> Plan:
 
 
 def solver_stage(size: Size) -> Iterator[Record]:
-    """The same rows to every solver; ratios are medians over the rounds in which the solvers took turns."""
+    """Give the same rows to every solver; ratios are medians over rounds in which the solvers take turns."""
     for name in (TWO_BLOCKS, SIDE_BY_SIDE):
         build = task(name)
         for points in size.rows:
@@ -144,7 +146,7 @@ def solver_stage(size: Size) -> Iterator[Record]:
 
 
 def cold_start(size: Size) -> Iterator[Record]:
-    """First call in a fresh process, the solvers taking turns; ours also with nothing compiled yet."""
+    """Time the first call in a fresh process, the solvers in turns; ours also with nothing compiled."""
     points = size.rows[1]
     runs: dict[str, list[dict[str, float]]] = {}
     with tempfile.TemporaryDirectory() as folder:
@@ -175,7 +177,7 @@ def _fresh(solver: str, file: Path, environment: dict[str, str]) -> dict[str, fl
 
 
 def whole_plan(size: Size) -> Iterator[Record]:
-    """From the config object to the plan, robot and path at hand; and these two by themselves."""
+    """Time the way from the configuration to the plan, without robot and path, and these two by themselves."""
     config = configured(TWO_BLOCKS, 200)
     robot = load_robot(config)
     path = build_path(config, robot)
@@ -207,7 +209,7 @@ def whole_plan(size: Size) -> Iterator[Record]:
 
 
 def _growth(plan: Callable[[Config], Plan], size: Size) -> Iterator[Record]:
-    """Time per collocation point against that on the first grid; the grids take turns of equal length."""
+    """Compare the time per collocation point with the first grid; the grids take turns of equal length."""
     configs = {(case, points): configured(TWO_BLOCKS, points, CASES[case]) for case in CASES for points in size.growth}
     calls = {key: partial(plan, config) for key, config in configs.items()}
     seconds = interleaved(calls, size.growth_repetitions, size.growth_turn)
@@ -225,7 +227,7 @@ def _growth(plan: Callable[[Config], Plan], size: Size) -> Iterator[Record]:
 
 
 def batches(size: Size) -> Iterator[Record]:
-    """Durations for many settings of the beliefs, N = 200, with one thread and with all cores; nothing remembered."""
+    """Time the durations of many settings, N = 200, on one thread and on all cores, with empty caches."""
     config = configured(TWO_BLOCKS, 200)
     cores = BatchPlanner(config).workers
     slowest = list(BATCHES.values())[-1]
@@ -248,14 +250,14 @@ def batches(size: Size) -> Iterator[Record]:
 
 
 def _drawn(ranges: dict[str, tuple[float, float]], count: int) -> list[dict[str, float]]:
-    """Settings of beliefs, each drawn from its range."""
+    """Draw settings, each value from its range."""
     low, high = zip(*ranges.values(), strict=True)
     drawn = np.random.default_rng(0).uniform(low, high, (count, len(ranges))).tolist()
     return [dict(zip(ranges, values, strict=True)) for values in drawn]
 
 
 def papers_split(size: Size) -> Iterator[Record]:
-    """Ipopt outside, linear programs over the contact forces inside, beside the paper's computing times."""
+    """Time Ipopt with inner linear programs over the contact forces, beside the paper's computing times."""
     builds = {case: task(TWO_BLOCKS, CASES[case]) for case in ("none", "all five")}
     problems = {(case, points): build(points) for case, build in builds.items() for points in size.split}
     calls = {key: partial(solved, problem, "ipopt") for key, problem in problems.items()}
@@ -279,7 +281,7 @@ def papers_split(size: Size) -> Iterator[Record]:
 
 
 def discretisation(size: Size) -> Iterator[Record]:
-    """Duration against that on the finest grid, every waiter config."""
+    """Compare the duration with the one on the finest grid, for every waiter configuration."""
     for name in size.configs:
         try:
             build = task(name)
@@ -300,7 +302,7 @@ def discretisation(size: Size) -> Iterator[Record]:
 
 
 def command_line(size: Size) -> Iterator[Record]:
-    """Whole processes, beside one that does nothing: from the start of the interpreter to its end."""
+    """Time whole processes, beside one that does nothing, from the start of the interpreter to its end."""
     robustopt = str(Path(sys.executable).with_name("robustopt"))
     config = str(ROOT / "configs" / f"{TWO_BLOCKS}.yaml")
     with tempfile.TemporaryDirectory() as folder:

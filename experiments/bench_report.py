@@ -1,4 +1,4 @@
-"""What `bench_planning.py` writes: all records as CSV, the goals and the measurements in Markdown, and the figure."""
+"""Report of `bench_planning.py`: all records as CSV, goals and measurements in Markdown, and the figure."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ NOTHING, HELP, PLAN = "python -c pass", "robustopt --help", "robustopt plan conf
 """Commands that are timed as whole processes."""
 
 SAME = 1e-8
-"""Durations closer than this part are the same: rows hold to 1e-9 of their limits."""
+"""Relative difference below which durations count as equal: rows hold to 1e-9 of their limits."""
 
 NOISE = 0.1
-"""Part by which the time per collocation point may seem to grow: what the medians of a linear one scatter by."""
+"""Scatter of the time per collocation point: the medians of a linear one may grow by this part."""
 
 KEYS = (
     "part", "config", "uncertainty", "solver", "N", "rows", "seconds", "lower_quartile", "upper_quartile",
@@ -108,20 +108,20 @@ def write_report(records: Sequence[Record], machine: str, folder: Path) -> list[
 
 
 def select(records: Iterable[Record], part: str, **entries: object) -> list[Record]:
-    """Records of a part with these entries; an entry given as a tuple may be any of it."""
+    """Return the records of a part with these entries; a tuple stands for any of its values."""
     wanted = {key: value if isinstance(value, tuple) else (value,) for key, value in entries.items()}
     return [r for r in records if r["part"] == part and all(r.get(key) in value for key, value in wanted.items())]
 
 
 def goals(records: Sequence[Record]) -> Table:
-    """What was to be reached, and what was; what has not been measured is left out."""
+    """List the goals and their results; a goal without measurements is left out."""
     lines = [*_stage_goals(records), *_plan_goals(records)]
     columns = tuple(Column(key, key) for key in ("what", "goal", "measured", "reached"))
     return Table(columns, tuple(line for line in lines if line["measured"]))
 
 
 def _goal(what: str, limit: float, values: list[float], form: str = ".1f", tolerance: float = 0.0) -> Goal:
-    """A goal that the largest value stays at or below a limit."""
+    """State a goal: the largest value stays at or below a limit."""
     worst = max(values, default=0.0)
     measured = format(worst, form) if values else ""
     return {"what": what, "goal": f"at most {limit:g}", "measured": measured, "reached": worst <= limit + tolerance}
@@ -231,7 +231,7 @@ def _papers_split(records: Sequence[Record]) -> Table:
 
 
 def _discretisation(records: Sequence[Record]) -> Table:
-    """One line per config, one column per N."""
+    """Make a table with one line per configuration and one column per N."""
     measured = select(records, "discretisation")
     points = sorted({int(r["N"]) for r in measured})
     lines: dict[str, dict[str, float | int | str]] = {}

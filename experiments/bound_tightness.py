@@ -1,4 +1,4 @@
-"""How tight the bounds are that make a plan hold for every value in its intervals, one kind of interval at a time.
+"""Measure how tight the bounds of robust plans are, one kind of interval at a time.
 
     python experiments/bound_tightness.py [--points N] [--out results/benchmarks]
 
@@ -46,14 +46,16 @@ TASKS = {
     "side_by_side": ("contact.friction=0.4", SIDE_BY_SIDE),
     "heavy": ("robot.joint_friction=false", HEAVY),
 }
-"""An override of each task, and intervals as wide as a careful user would dare to leave them; the wider, the looser a
-bound. In the last one joint torque binds."""
+"""Override of each task, and intervals as wide as is sensible: the wider an interval, the looser its bound.
+
+Joint torque binds in the last task.
+"""
 
 PRODUCT = ("joint_acceleration", "center_of_mass")
 """The two kinds whose product is bounded term by term."""
 
 LEAST_PRICE = 1e-4
-"""Part of the duration that intervals must cost before a share of it means something."""
+"""Price of the intervals, as a part of the duration, below which a share of it means nothing."""
 
 COLUMNS = (
     Column("task", "task"),
@@ -87,7 +89,7 @@ BELOW = """
 
 
 def with_intervals(task: str, uncertainty: str, points: int) -> dict[str, float]:
-    """Duration of the plan and lower bound of that of any robust plan [s], and the number of worst cases found."""
+    """Return the duration of the plan and a lower bound for any robust plan [s], and the number of worst cases."""
     override, _ = TASKS[task]
     overrides = [override, f"solver.collocation_points={points}", f"uncertainty={uncertainty}"]
     config = load_config(ROOT / "configs" / f"waiter_{task}.yaml", overrides)

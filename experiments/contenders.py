@@ -1,9 +1,10 @@
 """Solvers of the same time-scaling rows: ours, toppra and copp-py, each as a call that returns x = sd^2.
 
-    python experiments/contenders.py NAME ROWS.npz      seconds of the import, the first and the second call, as JSON
+    python experiments/contenders.py NAME ROWS.npz
 
-toppra and copp-py know no stops on the way: they solve piece by piece. Constructing their problems is not part of the
-calls. They get the rows without padding, as many per grid point as the point with most of them has.
+prints the seconds of the import, the first and the second call as JSON. toppra and copp-py do not support stops on the
+way, so they solve piece by piece. The calls exclude the construction of their problems. The rows have no padding: every
+grid point has as many as the one with the most.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ Solve = Callable[[], Array]
 
 @dataclass(frozen=True)
 class Rows:
-    """Rows a u + b x + c <= 0, (P, m), and x <= x_max, (P,), on the grid points s of the pieces of a path, (P,)."""
+    """Rows a u + b x + c <= 0, (P, m), and bounds x <= x_max (P,) at the grid points s (P,) of the pieces of a path."""
 
     s: Array
     piece: Array
@@ -45,7 +46,7 @@ class Rows:
 
 
 def rows_of(problem: TimeScalingProblem) -> Rows:
-    """The rows of a problem without padding; x_max is that of the joint velocities, also where the robot stops."""
+    """Return the rows of a problem without padding; x_max comes from the joint velocities, also at stops."""
     padding = (problem.a == 0.0) & (problem.b == 0.0) & (problem.c < 0.0)
     order = np.argsort(padding, axis=1, kind="stable")[:, : int((~padding).sum(axis=1).max())]
     a, b, c = (np.take_along_axis(array, order, axis=1) for array in (problem.a, problem.b, problem.c))
@@ -53,7 +54,7 @@ def rows_of(problem: TimeScalingProblem) -> Rows:
 
 
 def ours(rows: Rows) -> Solve:
-    """The two passes of `reachability`."""
+    """Return a call of the two passes of `reachability`."""
     from robustopt.solvers.reachability import passes
 
     ends = np.diff(rows.piece, prepend=-1, append=rows.piece[-1] + 1) != 0
@@ -63,7 +64,7 @@ def ours(rows: Rows) -> Solve:
 
 
 def toppra(rows: Rows) -> Solve:
-    """toppra with its compiled Seidel solver and its interpolation scheme."""
+    """Return a call of toppra with its compiled Seidel solver and its interpolation scheme."""
     import logging
 
     from toppra import SplineInterpolator
@@ -93,7 +94,7 @@ def toppra(rows: Rows) -> Solve:
 
 
 def copp(rows: Rows) -> Solve:
-    """copp-py's reachability analysis; it takes the rows at both ends of an interval by itself."""
+    """Return a call of copp-py's reachability analysis, which applies the rows at both ends of an interval itself."""
     import copp_py
     from copp_py.solver import topp2_ra
 
@@ -113,7 +114,7 @@ CONTENDERS: dict[str, Callable[[Rows], Solve]] = {OURS: ours, TOPPRA: toppra, CO
 
 
 def first_calls(name: str, path: Path) -> dict[str, float]:
-    """Seconds of import and construction, of the first call and of the second one; for a fresh process."""
+    """Return the seconds of import and construction, and of the first two calls; for a fresh process."""
     with np.load(path) as data:
         rows = Rows(**data)
     times = [time.perf_counter()]

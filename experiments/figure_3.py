@@ -1,4 +1,4 @@
-"""The paper's Figure 3: computing time against the number of collocation points, two blocks, both solvers.
+"""Write the paper's Figure 3: computing time over the number of collocation points, two blocks, both solvers.
 
 python experiments/figure_3.py [--out results/tables]
 """
@@ -54,7 +54,7 @@ BELOW = """
 
 
 def write(out: Path, place: Bench, points: Sequence[int] = POINTS, repetitions: int = REPETITIONS) -> list[Path]:
-    """Measure and write table and figure."""
+    """Measure, and write the table and the figure."""
     base = task(("uncertainty={}",), TWO_BLOCKS)
     robot = load_robot(base)
     path = build_path(base, robot)

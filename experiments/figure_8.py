@@ -16,7 +16,8 @@ from several import LEARNERS, Problem, Run, runs
 from table_3 import WAITER
 from table_4 import FRICTIONS
 
-from robustopt.learning.parameters import CostMap, Parameter
+from robustopt.learning.cost_map import CostMap
+from robustopt.learning.parameters import Parameter
 from robustopt.plotting import style
 from robustopt.plotting.plane import TICKS, Plane, plane_figure
 from robustopt.runs.campaign import cost_of
@@ -24,7 +25,7 @@ from robustopt.runs.campaign import cost_of
 AFTER = (5, 10, 20, 40)
 SIDE = 33
 HOPELESS = 10.0
-"""Durations so many times the shortest stand for no plan in the interpolation of f*."""
+"""Factor on the shortest duration from which interpolated durations stand for no plan."""
 
 
 def write(out: Path, place: Bench) -> list[Path]:
@@ -42,7 +43,7 @@ def write(out: Path, place: Bench) -> list[Path]:
 
 
 def guide(problem: Problem) -> np.ndarray:
-    """f* on a square grid of the unit square, as the learners interpolate it, (SIDE, SIDE) [s]."""
+    """Return f* on a square grid of the unit square, as the learners interpolate it, (SIDE, SIDE) [s]."""
     config = problem.config(LEARNERS[0])
     assert config.learning is not None
     costs = CostMap(problem.parameters, cost_of(config, config.learning), problem.plans)
@@ -54,7 +55,7 @@ def guide(problem: Problem) -> np.ndarray:
 
 
 def plane_of(problem: Problem, run: Run, durations: np.ndarray) -> Plane:
-    """What is drawn of a run; durations: see `guide`."""
+    """Return the drawn part of a run; `durations` are from `guide`."""
     first, second = problem.parameters
     ticks = np.array([[parameter.value(t) for t in TICKS] for parameter in (first, second)])
     done = [row for row in run["rows"] if row["result"] in ("success", "failure")]
@@ -65,7 +66,7 @@ def plane_of(problem: Problem, run: Run, durations: np.ndarray) -> Plane:
 
 
 def _place(parameter: Parameter, value: float) -> float:
-    """Where a value lies between the ends of its parameter, as `Parameter.value` spaces them."""
+    """Return the coordinate of a value between the ends of its parameter, the inverse of `Parameter.value`."""
     a, b = parameter.optimistic, parameter.conservative
     return log(value / a) / log(b / a) if a * b > 0 else (value - a) / (b - a)
 

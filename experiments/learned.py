@@ -1,18 +1,16 @@
-"""Runs of learners that the tables are made from: begun, continued or read again, in a folder of their own each.
+"""Runs of learners for the tables: each is begun, continued or read again in a folder of its own.
 
-The folders lie below results/runs/VERSION, VERSION a hash of the package's source: the same source goes on where it was
-interrupted and does nothing twice; other source begins anew.
+The folders lie below results/runs/VERSION, VERSION a hash of the package's source. The same source continues after an
+interruption and does nothing twice; other source begins again.
 """
 
 from __future__ import annotations
 
 import hashlib
-import json
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import robustopt
 from robustopt.config import Config
@@ -21,7 +19,8 @@ from robustopt.runs.campaign import Learned, learn
 from robustopt.runs.journal import SIMULATION, Journal
 from robustopt.runs.learning_run import begin, complete, result_of, resumed, write_learning_files
 from robustopt.runs.learning_summary import row_record
-from robustopt.runs.store import JOURNAL, SUMMARY
+from robustopt.runs.records import Iteration, LearningRecord
+from robustopt.runs.store import JOURNAL, SUMMARY, read_summary
 from robustopt.tasks import PAPER_TASK
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -29,17 +28,20 @@ TABLES = ROOT / "results" / "tables"
 TWO_BLOCKS = ROOT / "configs" / "waiter_two_blocks.yaml"
 
 QUIET: tuple[str, ...] = ()
-"""The paper's world: a random force of 2 N deviation on the tray."""
+"""The paper's world: a random force of 2 N standard deviation on the tray."""
 
-LUCKY = ("execution.disturbance.force_deviation=[20, 20, 0]", "execution.truth.variation.friction=0.05")
-"""A world where luck matters: a force of 20 N deviation, and friction that varies from trial to trial."""
+STOCHASTIC = ("execution.disturbance.force_deviation=[20, 20, 0]", "execution.truth.variation.friction=0.05")
+"""A stochastic world: a force of 20 N standard deviation, and friction that varies from trial to trial."""
 
 
 @dataclass(frozen=True)
 class Bench:
-    """Where an experiment works and what it tells people.
+    """The workplace of an experiment.
 
-    work: folder for its runs; workers: processes; say: what is going on, a line
+    Attributes:
+        work: folder for its runs.
+        workers: number of worker processes.
+        say: called with a line of text about the progress.
     """
 
     work: Path
@@ -48,12 +50,12 @@ class Bench:
 
 
 def bench(part: str, out: Path = TABLES, workers: int = 1, say: Callable[[str], None] = lambda _: None) -> Bench:
-    """The workplace of an experiment whose tables go to `out`."""
+    """Return the workplace of an experiment that writes its tables to `out`."""
     return Bench(out.parent / "runs" / source_hash() / part, workers, say)
 
 
 def source_hash() -> str:
-    """Hash of all files of the package and of the shipped configurations."""
+    """Return a hash of all files of the package and of the shipped configurations."""
     package = Path(robustopt.__file__).parent
     places = [*package.rglob("*.py"), *package.rglob("*.xml"), *package.rglob("*.yaml"), *(ROOT / "configs").glob("*")]
     digest = hashlib.sha256(sys.version.encode())
@@ -63,12 +65,12 @@ def source_hash() -> str:
 
 
 def task(overrides: Sequence[str], path: Path = PAPER_TASK) -> Config:
-    """A configuration with values for keys."""
+    """Return a configuration with overrides."""
     return load_config(path, overrides)
 
 
 def learned(config: Config, name: str, place: Bench) -> Learned:
-    """The run of a learner with this name: begun, continued, or, where it is complete, read again."""
+    """Return the run of a learner with this name: begin it, continue it, or, if it is complete, read it again."""
     folder = place.work / name
     if not (folder / JOURNAL).is_file():
         begin(config, folder, ["learn"], SIMULATION)
@@ -83,27 +85,29 @@ def learned(config: Config, name: str, place: Bench) -> Learned:
     return found
 
 
-def recorded(config: Config, name: str, place: Bench) -> dict[str, Any]:
-    """What the summary of the run of this name says of its learning: a complete run is read, without any planning."""
+def recorded(config: Config, name: str, place: Bench) -> LearningRecord:
+    """Return the part of a run's summary about its learning; a complete run is read, without any planning."""
     folder = place.work / name
     if not (folder / SUMMARY).is_file():
         learned(config, name, place)
     resumed(folder, config)
-    return dict(json.loads((folder / SUMMARY).read_text(encoding="utf-8"))["learning"])
+    learning = read_summary(folder).learning
+    assert learning is not None
+    return learning
 
 
 def _line(name: str, now: Learned) -> str:
     return f"{name}: plan {len(now.rows) + (not now.finished)}, {now.state.executed:,} executions"
 
 
-def records(found: Learned) -> list[dict[str, Any]]:
-    """The records of all plans of a run."""
+def records(found: Learned) -> list[Iteration]:
+    """Return the records of all plans of a run."""
     return [row_record(found, row) for row in found.rows]
 
 
-def success(record: dict[str, Any]) -> str:
-    """The success rate of a record with its interval, in percent."""
-    if record.get("success_rate") is None:
+def success(record: Iteration) -> str:
+    """Return the success rate of a record with its interval, in percent."""
+    rate, low, high = record.success_rate, record.success_low, record.success_high
+    if rate is None or low is None or high is None:
         return ""
-    low, high = 100 * record["success_low"], 100 * record["success_high"]
-    return f"{100 * record['success_rate']:.1f} [{low:.1f}, {high:.1f}]"
+    return f"{100 * rate:.1f} [{100 * low:.1f}, {100 * high:.1f}]"

@@ -1,8 +1,8 @@
-"""What the learners of several parameters are compared with: the same contract and verdicts, other choices.
+"""Contenders of the learners of several parameters: the same contract and verdicts, other choices of points.
 
-Every contender skips points that are decided or that cost too much, so none wastes an execution that `monotone` shows
-to be useless. Optuna's samplers get the cost as objective, success as a constraint, and the answers that follow from
-monotony for nothing.
+Every contender skips points that are decided or cost too much, so none wastes an execution that `monotone` shows to be
+useless. Optuna's samplers get the cost as objective, success as a constraint, and the inferences from monotony at no
+cost.
 """
 
 from __future__ import annotations
@@ -15,19 +15,20 @@ from typing import ClassVar
 
 import numpy as np
 
+from robustopt.arrays import Array
 from robustopt.learning.branch_and_bound import BranchAndBound, BranchState, Diagonal, Midpoint
 from robustopt.learning.informed import Informed
 from robustopt.learning.learner import Result
 from robustopt.learning.monotone import Knowledge
-from robustopt.learning.parameters import Array, Point
+from robustopt.learning.parameters import Point
 
 DRAWS = 2000
-"""Points from which a random one is taken."""
+"""Number of points from which a random one is taken."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Contender(BranchAndBound):
-    """seed: of its choices"""
+    """A method with random choices; `seed` is their seed."""
 
     seed: int = 0
 
@@ -41,7 +42,7 @@ class Contender(BranchAndBound):
         return points[known.undecided(points) & (self.map.exact(points) < cut)]
 
     def _any(self, state: BranchState, known: Knowledge, cut: float) -> Point | None:
-        """A random undecided point under the cost."""
+        """Return a random undecided point that costs less than `cut`."""
         random = self._random(state)
         for _ in range(50):
             points = self._useful(random.random((DRAWS, self.k)), known, cut)
@@ -60,7 +61,7 @@ class RandomSearch(Contender):
 
 @dataclass(frozen=True, kw_only=True)
 class Grid(Contender):
-    """Cells of 2^k, then 4^k, 8^k, 16^k grids, their centres in random order."""
+    """The centres of the cells of 2^k, then 4^k, 8^k, 16^k grids, in random order."""
 
     name: ClassVar[str] = "grid"
 
@@ -75,9 +76,10 @@ class Grid(Contender):
 
 @dataclass(frozen=True, kw_only=True)
 class Optuna(Contender):
-    """A sampler of Optuna; the study is made anew from what was executed, so that `ask` stays a pure function.
+    """A sampler of Optuna; the study is made again from all executions, so that `ask` stays a pure function.
 
-    proposals: for one execution; if all of them are useless, a random undecided point is executed
+    Attributes:
+        proposals: number of proposals for one execution; if all are useless, a random undecided point is executed.
     """
 
     proposals: ClassVar[int] = 30
@@ -114,7 +116,7 @@ class Optuna(Contender):
 
     @abstractmethod
     def _sampler(self, seed: int):
-        """The sampler of Optuna."""
+        """Return the sampler of Optuna."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,7 +148,7 @@ OURS: tuple[type[BranchAndBound], ...] = (Informed, Diagonal, Midpoint)
 
 
 def contenders() -> dict[str, Callable[..., BranchAndBound]]:
-    """All of them by name; Optuna's GP sampler where torch is installed, which it needs."""
+    """Return all methods by name; Optuna's GP sampler only if torch is installed, which it needs."""
     others: list[type[Contender]] = [RandomSearch, Grid, Tpe]
     if find_spec("torch"):
         others.append(Gp)

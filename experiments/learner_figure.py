@@ -23,7 +23,7 @@ LINES = {
 }
 
 LEAST = 0.3
-"""Regret under it is drawn at the lower edge [%]."""
+"""Smallest regret that is drawn; a smaller one is drawn at the lower edge [%]."""
 
 
 Panel = tuple[str, Sequence[Mapping[str, Value]]]

@@ -1,6 +1,6 @@
 """The tasks of tables 3 and 4 as problems in the unit cube: f* from a table of plans, success from MuJoCo.
 
-Nothing is random in these worlds: an execution has the same outcome whenever it is run, and is run once.
+Nothing is random in these worlds: an execution always has the same outcome, and is run once.
 """
 
 from __future__ import annotations
@@ -17,9 +17,10 @@ from several import Problem
 from table_3 import WAITER
 from table_4 import FRICTIONS, WITH_ERROR
 
+from robustopt.arrays import Array
 from robustopt.config.load import dump
 from robustopt.learning.learner import Belief
-from robustopt.learning.parameters import Array, values
+from robustopt.learning.parameters import values
 from robustopt.runs.beliefs import Planner, learned_from
 from robustopt.runs.executors import Simulated
 from robustopt.solvers.batch import BatchPlanner
@@ -27,19 +28,26 @@ from robustopt.solvers.batch import BatchPlanner
 STILL = "execution.disturbance.force_deviation=[0, 0, 0]"
 
 RESOLUTION = 0.002
-"""Brute force looks for plans that are faster than the best so far by this part."""
+"""Relative difference by which brute force improves on the best plan so far."""
 
 FINE = 8
-"""Columns of the second pass of brute force, on either side of the best, within one step of the first."""
+"""Number of columns of the second pass of brute force on either side of the best, within one step of the first."""
 
 ALONG = 401
-"""Points of a column from which the slowest that would be an improvement is taken."""
+"""Number of points of a column among which the slowest improvement is taken."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """words: what is learned; nodes: of the table of f*, along each axis; columns: of brute force, along each axis but
-    the last; seeds: of the methods that draw, and of those of them that take long to propose
+    """A task of table 3 or 4.
+
+    Attributes:
+        name: name of the task.
+        words: the learned parameters in words.
+        problem: the problem.
+        nodes: number of nodes of the table of f* along each axis.
+        columns: number of columns of brute force along each axis but the last.
+        seeds: number of seeds of the random methods, and of the slow ones among them.
     """
 
     name: str
@@ -67,14 +75,14 @@ TASKS = (
     ),
     Task(
         "humanoid: frictions, error",
-        "these and the bound of the acceleration error, with a centre of mass that is off by what no parameter names",
+        "these and the bound of the acceleration error, with an offset of a centre of mass that no parameter describes",
         WITH_ERROR, nodes=9, columns=13, seeds=(3, 1),
     ),
 )  # fmt: skip
 
 
 class RealProblem:
-    """What a learner meets: `cost` for choosing, `execute` and `duration` for what was chosen."""
+    """The world of a learner: `cost` for choosing a point, `execute` and `duration` for the chosen one."""
 
     def __init__(self, task: Task, place: Bench) -> None:
         config = task.problem.config("bnb-midpoint")  # the task is the same for all learners
@@ -90,30 +98,30 @@ class RealProblem:
 
     @property
     def executions(self) -> int:
-        """How many different plans were executed so far."""
+        """Number of different plans that were executed so far."""
         return len(self._executed)
 
     @property
     def longest(self) -> float:
-        """Duration of the slowest plan of the table [s]: that of b, where b has one."""
+        """Duration of the slowest plan of the table [s]: the plan of b, if there is one."""
         return float(np.exp(self._table.values[np.isfinite(self._table.values)].max()))
 
     def cost(self, points: Array) -> Array:
-        """f* of points (m, k) by multilinear interpolation of its logarithm -> (m,) [s]; inf beside a node without."""
+        """Return f* of points (m, k), (m,) [s], by interpolation of its logarithm; inf beside a node without a plan."""
         with np.errstate(invalid="ignore"):  # infinity times a weight of 0
             found = np.exp(self._table(np.atleast_2d(points)))
         return np.where(np.isfinite(found), found, np.inf)
 
     def exact(self, points: Array) -> Array:
-        """f* itself of points (m, k) -> (m,) [s]."""
+        """Return the exact f* of points (m, k), (m,) [s]."""
         return self._batch.durations([dict(zip(self._keys, row, strict=True)) for row in self._values(points)])
 
     def execute(self, point: Array) -> bool:
-        """Whether the plan of a point succeeds; a point without a plan does not."""
+        """Return whether the plan of a point succeeds; a point without a plan does not."""
         return self._outcome(point)[0]
 
     def duration(self, point: Array) -> float:
-        """Duration of the plan of a point that was executed [s]."""
+        """Return the duration of the plan of an executed point [s]."""
         return self._outcome(point)[1]
 
     def _outcome(self, point: Array) -> tuple[bool, float]:
@@ -131,7 +139,7 @@ class RealProblem:
         return found
 
     def _interpolation(self, task: Task, place: Bench) -> RegularGridInterpolator:
-        """log f* over the unit cube; its nodes are kept in a file, since they take long."""
+        """Return log f* over the unit cube; its nodes are kept in a file, because they take long."""
         axes = [np.linspace(0, 1, task.nodes)] * task.k
         digest = hashlib.sha256(dump(self._batch.config).encode()).hexdigest()[:12]
         file = place.work / f"{task.problem.name}-{task.nodes}-plans-{digest}.npy"
@@ -146,11 +154,11 @@ class RealProblem:
 
 
 def optimum(cost: Callable[[Array], Array], execute: Callable[[Array], bool], k: int, columns: int) -> Array:
-    """The cheapest point that succeeds, (k,), by brute force over columns along the last parameter.
+    """Return the cheapest point that succeeds, (k,), by brute force over columns along the last parameter.
 
-    Of every column, the most conservative point that would be an improvement by `RESOLUTION` is executed. If it fails,
-    so does all that is cheaper in this column, which is the only use of monotony; if not, the column is bisected. A
-    second pass looks at columns within a step of the best. It is assumed that the conservative corner succeeds.
+    In every column, the most conservative point that would be an improvement by `RESOLUTION` is executed. If it fails,
+    so do all cheaper points of this column, which is the only use of monotony; otherwise the column is bisected. A
+    second pass searches columns within a step of the best. It is assumed that the conservative corner succeeds.
     """
     step = 1 / (columns - 1)
     best = _swept(cost, execute, np.ones(k), np.zeros(k - 1), np.linspace(0, 1, columns))
@@ -160,7 +168,7 @@ def optimum(cost: Callable[[Array], Array], execute: Callable[[Array], bool], k:
 def _swept(
     cost: Callable[[Array], Array], execute: Callable[[Array], bool], best: Array, start: Array, offsets: Array
 ) -> Array:
-    """The cheapest success of the columns at the start plus all offsets, in random order; `best` without a better."""
+    """Return the cheapest success of the columns at the start plus all offsets; `best` if none is better."""
     lines = start + np.array(list(product(offsets, repeat=len(start))))
     inside = lines[np.all((lines >= 0) & (lines <= 1), axis=1)]
     for line in np.random.default_rng(0).permutation(inside):
@@ -169,7 +177,7 @@ def _swept(
 
 
 def _better(cost: Callable[[Array], Array], execute: Callable[[Array], bool], line: Array, best: Array) -> Array:
-    """The cheapest success of a column, where it is cheaper than the best so far; else that."""
+    """Return the cheapest success of a column if it is cheaper than the best so far; otherwise the best so far."""
     along = np.linspace(0, 1, ALONG)
     costs = cost(np.column_stack([np.tile(line, (ALONG, 1)), along]))
     cheap = np.flatnonzero(costs * (1 + RESOLUTION) <= cost(best[None])[0])

@@ -1,4 +1,4 @@
-"""Writes the paper's tables and figure, and with --all those beyond it: `make reproduce-tables`, `make reproduce-all`.
+"""Write the paper's tables and figures (`make reproduce-tables`), and with --all the others (`make reproduce-all`).
 
 python experiments/reproduce.py [--all] [--only PART ...] [--jobs N] [--out results/tables]
 """
@@ -23,29 +23,29 @@ from robustopt.processes import cores
 
 PAPER = ("durations", "table_1", "table_2", "figure_3", "table_3", "table_4", "figure_8")
 BEYOND = ("table_2_truths", "table_2_K", "table_2_calibrated")
-"""Parts, each a module with `write(out, place)`; the first are the paper's own."""
+"""Parts, each a module with `write(out, place)`: the paper's own, and the ones beyond it."""
 
 LONGEST = ("table_2_calibrated", "table_2_K", "table_4", "table_3")
-"""Parts that take minutes: begun first, so that no worker ends long after the others."""
+"""Parts that take minutes; they begin first, so that no process ends long after the others."""
 
 AHEAD = {"table_4": ("frictions, error", "frictions")}
-"""Parts whose runs are made ahead, group by group, each by a worker: modules with `run(group, place)`, too."""
+"""Parts whose runs are made in advance, one process per group; their modules also have `run(group, place)`."""
 
 LAST = ("table_4", "figure_8", "figure_3")
-"""Parts that come after all others, one by one: the first and the second read runs, the third measures times."""
+"""Parts that come last, one by one: the first two read runs, the third measures times."""
 
 Write = Callable[[Path, Bench], list[Path]]
 
 
 def write_of(part: str) -> Write:
-    """The function that writes a part."""
+    """Return the function that writes a part."""
     write: Write = importlib.import_module("table_durations" if part == "durations" else part).write
     return write
 
 
 @dataclass(frozen=True)
 class Work:
-    """What a worker does: write a part, or make the runs of one of its groups."""
+    """A unit of work for one process: to write a part, or to make the runs of one of its groups."""
 
     part: str
     group: str | None = None
@@ -55,7 +55,7 @@ class Work:
         return self.part if self.group is None else f"{self.part} ({self.group})"
 
     def do(self, out: Path, workers: int, said: MutableMapping[str, str]) -> str:
-        """Do it and tell what came of it; what is going on meanwhile goes to `said`."""
+        """Do the work, report progress to `said`, and return a line with the result."""
         began = time.perf_counter()
         place = bench(self.part, out, workers, lambda text: said.update({self.name: text}))
         try:
@@ -70,7 +70,7 @@ class Work:
 
 
 def stages_of(parts: Sequence[str], jobs: int) -> list[tuple[list[Work], int]]:
-    """What is done together, and by how many workers; then what is done after it."""
+    """Return the stages of work in order, each with the number of processes that share it."""
     together = [part for part in LONGEST if part in parts]
     together += [part for part in parts if part not in together]
     first = [Work(part, group) for part in together for group in AHEAD.get(part, (None,)) if part not in LAST or group]
@@ -78,7 +78,7 @@ def stages_of(parts: Sequence[str], jobs: int) -> list[tuple[list[Work], int]]:
 
 
 def run_parts(parts: Sequence[str], out: Path, jobs: int, workers: int) -> None:
-    """Write parts, `jobs` of them at a time, with a bar of what is done and a line for each under way."""
+    """Write parts, `jobs` of them at a time, with a progress bar and a line for each part under way."""
     stages = stages_of(parts, jobs)
     with Manager() as manager, _bar() as progress:
         said: MutableMapping[str, str] = manager.dict()
@@ -105,7 +105,7 @@ def run_parts(parts: Sequence[str], out: Path, jobs: int, workers: int) -> None:
 
 
 def _bar() -> Progress:
-    """Where a person is watching, a bar; else nothing but a line per part that is done."""
+    """Return a progress bar, which is shown on a terminal only."""
     console = Console(stderr=True, highlight=False)
     columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
     return Progress(*columns, console=console, disable=not console.is_terminal)

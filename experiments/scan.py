@@ -1,7 +1,7 @@
-"""Brute force: the fastest plan over (mu, K) that reaches a success rate, to hold learned plans against.
+"""Brute force: find the fastest plan over (mu, K) that reaches a success rate, as a reference for learned plans.
 
-A grid of plans is walked from the fastest on. Each is run, in the same fresh trials as all others, until it has too
-many failures to reach the rate in `trials` executions, or its rate is below it beyond doubt.
+The plans of a grid are visited from the fastest on. Each is executed in the same fresh trials, until it has too many
+failures to reach the rate in `trials` executions, or until its rate is certainly below it.
 """
 
 from __future__ import annotations
@@ -24,17 +24,22 @@ from robustopt.simulation.monte_carlo import CHUNK
 from robustopt.solvers.batch import BatchPlanner
 
 FRESH = 2_000_000_000
-"""Number of the first trial: others than those that learned plans are judged by."""
+"""Number of the first trial; learned plans are judged by other trials."""
 
 BEYOND_DOUBT = 0.9999
-"""Confidence with which a plan that is dropped early has a rate below the wanted one."""
+"""Confidence that the rate of a plan that is dropped early is below the required one."""
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Plans that are tried: friction from low to high, each `ratio` times the one before, and values of K.
+    """A grid of plans: friction from low to high, each `ratio` times the one before, and values of K.
 
-    error: the interval whose K is varied
+    Attributes:
+        low: Lowest friction coefficient.
+        high: Highest friction coefficient.
+        ratio: Factor between neighbouring friction coefficients.
+        error: The interval of the acceleration error whose K is varied.
+        K_values: Values of K.
     """
 
     error: ErrorInterval
@@ -57,7 +62,7 @@ class Grid:
 
 @dataclass(frozen=True)
 class Found:
-    """A plan that reaches the rate: its belief, duration [s], and successes of how many trials."""
+    """A plan that reaches the rate: its setting, its duration [s], its successes, and its number of trials."""
 
     belief: Belief
     duration: float
@@ -68,7 +73,7 @@ class Found:
 def fastest(
     config: Config, beliefs: Sequence[Belief], rates: Sequence[float], trials: int, name: str, place: Bench
 ) -> list[Found]:
-    """The fastest plan of those that reaches each rate, which must ascend; what is known is kept in a journal."""
+    """Return the fastest plan for each of the ascending rates; a journal keeps the results for the next run."""
     folder = place.work / name
     folder.mkdir(parents=True, exist_ok=True)
     if not (folder / JOURNAL).is_file():
@@ -81,7 +86,7 @@ def fastest(
 
 
 def _settings(beliefs: Sequence[Belief]) -> list[dict[str, float | tuple[float, ...]]]:
-    """Beliefs as settings of a batch."""
+    """Return the grid as settings of a batch."""
     section = "uncertainty.joint_acceleration"
     settings: list[dict[str, float | tuple[float, ...]]] = []
     for belief in beliefs:
@@ -96,7 +101,7 @@ def _settings(beliefs: Sequence[Belief]) -> list[dict[str, float | tuple[float, 
 
 
 class _Walk:
-    """Plans of a grid from the fastest to the slowest."""
+    """A walk through the plans of a grid from the fastest to the slowest."""
 
     def __init__(self, config: Config, beliefs: Sequence[Belief], journal: Journal, trials: int, place: Bench) -> None:
         self.planner, self.executor = Planner(config, certified=False), Simulated(config, place.workers)

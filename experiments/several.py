@@ -1,9 +1,9 @@
-"""What the tables of several learned parameters share: tasks, learners, runs, lines and columns."""
+"""Common parts of the tables of several learned parameters: tasks, learners, runs, lines and columns."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -16,6 +16,7 @@ from scan import Found, fastest
 from robustopt.config import Config
 from robustopt.learning.learner import Belief
 from robustopt.learning.parameters import Parameter
+from robustopt.runs.records import LearningRecord
 from robustopt.tables import Column
 
 LEARNERS = ("bnb-midpoint", "bnb-diagonal", "bnb-informed")
@@ -25,8 +26,15 @@ LEARNERS = ("bnb-midpoint", "bnb-diagonal", "bnb-informed")
 class Problem:
     """A task whose parameters are learned.
 
-    path: configuration; overrides: of it; parameters: that are learned; budget: executions; side: plans along each side
-    of the grid of brute force; executions_per_plan: in a row, for a success; plans: evaluations of f* as a guide
+    Attributes:
+        name: name of the problem.
+        path: the configuration.
+        overrides: overrides of the configuration.
+        parameters: the learned parameters.
+        budget: largest number of executions.
+        side: number of plans along each side of the grid of brute force.
+        executions_per_plan: successes in a row that a plan needs.
+        plans: largest number of evaluations of f* that guide the search.
     """
 
     name: str
@@ -39,7 +47,7 @@ class Problem:
     plans: int = 1000
 
     def config(self, algorithm: str) -> Config:
-        """The task with a learner."""
+        """Return the task with a learner."""
         parameters = [
             {"key": p.key, "optimistic": p.optimistic, "conservative": p.conservative} for p in self.parameters
         ]
@@ -59,23 +67,19 @@ class Problem:
         ]
 
 
-Run = Mapping[str, Any]
-"""What a run says of its learning, as in its summary."""
-
-
-def runs(problem: Problem, place: Bench) -> dict[str, Run]:
-    """The run of every learner."""
+def runs(problem: Problem, place: Bench) -> dict[str, LearningRecord]:
+    """Return the run of every learner."""
     return {name: recorded(problem.config(name), f"{problem.name}-{name}", place) for name in LEARNERS}
 
 
 def brute_force(problem: Problem, place: Bench) -> Found:
-    """The fastest plan on the grid that succeeds as often in a row as the learners ask for."""
+    """Return the fastest plan on the grid that succeeds as often in a row as the learners require."""
     config, times = problem.config(LEARNERS[0]), problem.executions_per_plan
     return fastest(config, problem.grid, [1.0], times, f"{problem.name}-grid", place)[0]
 
 
 def columns(problems: Sequence[Problem]) -> tuple[Column, ...]:
-    """The columns of the table of some problems."""
+    """Return the columns of the table of some problems."""
     keys = dict.fromkeys(p.key for problem in problems for p in problem.parameters)
     return (
         Column("problem", "parameters"),
@@ -92,20 +96,20 @@ def columns(problems: Sequence[Problem]) -> tuple[Column, ...]:
     )
 
 
-def line(problem: Problem, name: str, found: Run, quickest: Found) -> dict[str, Any]:
-    """The line of a learner's run."""
-    best = found["best"]
+def line(problem: Problem, name: str, found: LearningRecord, quickest: Found) -> dict[str, Any]:
+    """Return the line of a learner's run."""
+    best = found.best
     if best is None:
-        return {"problem": problem.name, "learner": name, "executions": found["executions"]}
-    last, duration = found["rows"][-1], float(best["duration"])
+        return {"problem": problem.name, "learner": name, "executions": found.executions}
+    last, duration = found.rows[-1], best.duration
     return {
-        **best["parameters"],
+        **best.parameters,
         "problem": problem.name,
         "learner": name,
-        "executions": found["executions"],
+        "executions": found.executions,
         "duration": duration,
-        "lower_bound": last["lower_bound"],
-        "gap": None if last["gap"] is None else 100 * last["gap"],
+        "lower_bound": last.lower_bound,
+        "gap": None if last.gap is None else 100 * last.gap,
         "to_best": _executions_to(found, 1.05 * quickest.duration),
         "fastest": quickest.duration,
         "slower": 100 * (duration / quickest.duration - 1),
@@ -113,11 +117,11 @@ def line(problem: Problem, name: str, found: Run, quickest: Found) -> dict[str, 
     }
 
 
-def _executions_to(found: Run, duration: float) -> int | None:
-    """Executions until a plan of at most this duration succeeded [s]."""
+def _executions_to(found: LearningRecord, duration: float) -> int | None:
+    """Return the number of executions until a plan of at most this duration [s] succeeded."""
     done = 0
-    for row in found["rows"]:
-        done += row["executions"]
-        if row["result"] == "success" and row["duration"] <= duration:
+    for row in found.rows:
+        done += row.executions
+        if row.result == "success" and row.duration <= duration:
             return done
     return None

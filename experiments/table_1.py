@@ -1,4 +1,4 @@
-"""The paper's Table 1: bisection on the coefficient of friction for two blocks (Alg. 1), here in simulation.
+"""Write the paper's Table 1: bisection on the friction coefficient for two blocks (Alg. 1), here in simulation.
 
 python experiments/table_1.py [--out results/tables]
 """
@@ -10,6 +10,7 @@ from pathlib import Path
 from learned import TWO_BLOCKS, Bench, learned, records, success, task
 from reproduce import run_alone
 
+from robustopt.runs.records import Iteration
 from robustopt.tables import Column, Table, write_table
 
 PAPER = (
@@ -47,10 +48,10 @@ BELOW = """
 - Ours: {plans} plans and {executions} executions; it ends because {end}
 - Paper: columns "paper", from an execution on hardware; they are copied from there, everything else comes from the
   run.
-- What differs: the paper's robot is real, its true friction was about 1 by tilting the plate, and 0.1875 came out
-  as "a proxy for all other un-modeled uncertainties". Ours is simulated with a true friction of {truth:g}, a PID
-  controller with gravity compensation and no disturbance, so that what is not modelled is the controller's tracking
-  error alone, and a larger coefficient of friction comes out. Path, blocks and cones are as in
+- Differences: the paper's robot is real, its actual friction was about 1 by tilting the plate, and the learned 0.1875
+  is "a proxy for all other un-modeled uncertainties". Ours is simulated with an actual friction of {truth:g}, a PID
+  controller with gravity compensation and no disturbance. So the only unmodelled effect is the controller's tracking
+  error, and the learned coefficient of friction is larger. Path, blocks and cones are as in
   [durations](durations.md).
 - The decisions follow the same rules in the same order: two failures at 1 and 0.5, then halving between a failure
   and a success, and an end by the sped-up execution.
@@ -79,10 +80,11 @@ def write(out: Path, place: Bench) -> list[Path]:
     return write_table(Table(COLUMNS, tuple(lines), caption), out, "table_1", ABOVE, below)
 
 
-def _line(record: dict) -> dict:
+def _line(record: Iteration) -> dict:
     letters = {True: "S", False: "F", None: ""}
-    result = {"success": "S", "failure": "F"}.get(record["result"], record["result"])
-    return {**record, "result": result, "sped_up": letters[record["sped_up"]], "fresh": success(record)}
+    result = {"success": "S", "failure": "F"}.get(record.result, record.result)
+    changed = {"result": result, "sped_up": letters[record.sped_up], "fresh": success(record)}
+    return {**record.model_dump(), **changed}
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Table 2 for other K, in the paper's world and in one where luck matters: success rates against Phi(K).
+"""Write Table 2 for other K, in the paper's world and in a stochastic one: success rates against Phi(K).
 
 python experiments/table_2_K.py [--out results/tables]
 """
@@ -7,15 +7,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from learned import LUCKY, QUIET, Bench, learned, success, task
+from learned import QUIET, STOCHASTIC, Bench, learned, success, task
 from reproduce import run_alone
 
 from robustopt.confidence import Reading, phi
+from robustopt.runs.campaign import Learned
 from robustopt.runs.learning_summary import row_record
+from robustopt.runs.records import Iteration
 from robustopt.tables import Column, Table, write_table
 
 K_VALUES = (0.5, 1.0, 2.0, 3.0)
-WORLDS = {"quiet": QUIET, "lucky": LUCKY}
+WORLDS = {"quiet": QUIET, "stochastic": STOCHASTIC}
 TRIALS = 200
 
 COLUMNS = (
@@ -33,23 +35,24 @@ COLUMNS = (
     Column("verdict", "against Phi(K), one-sided"),
 )
 
-ABOVE = """# Table 2 for K = 0.5, 1, 2 and 3, in a quiet and in a lucky world
+ABOVE = """# Table 2 for K = 0.5, 1, 2 and 3, in a quiet and in a stochastic world
 
-Written by `make reproduce-all`. ILROBS(K), delta = 0.05, one block, true friction 0.5, from mu = 1. Quiet: the
-paper's 2 N on the tray. Lucky: 20 N, and friction drawn for every trial with a deviation of 0.05. "executed": the
-last plan that succeeded N_e(K) times in a row; "returned": (mu_low, U, Delta), which was not executed as such.
+Written by `make reproduce-all`. ILROBS(K), delta = 0.05, one block, actual friction 0.5, from mu = 1. Quiet: the
+paper's 2 N on the tray. Stochastic: 20 N, and friction sampled for every trial with a standard deviation of 0.05.
+"executed": the last plan that succeeded N_e(K) times in a row; "returned": (mu_low, U, Delta), which was not
+executed as such.
 """
 
 BELOW = """
-- Phi(K) is what the paper expects of K; "reaches it" where the exact 95 % interval of {trials} fresh trials reaches
-  up to Phi(K) (one-sided), "misses it" where all of it is below, "overshoots it" where all of it is above.
-- In the quiet world plans succeed always or never, so a plan that was executed with success overshoots. What is
-  returned may fail every time all the same: U and Delta are those of the last executions, which failed early, and give
-  a narrower interval than the one that the successful plan at mu_low survived. Report and use the executed plan.
-- In the lucky world friction varies, which is in no interval of the acceleration error. What makes a plan succeed is
-  that N_e(K) executions in a row did, which shows little where N_e is small: see [the confidence that they
+- Phi(K) is the rate that the paper expects of K. "reaches it": the exact 95 % interval of {trials} fresh trials
+  reaches up to Phi(K) (one-sided); "misses it": all of it is below; "overshoots it": all of it is above.
+- In the quiet world plans succeed always or never, so a plan that was executed with success overshoots. The
+  returned plan may still fail every time: U and Delta are from the last executions, which failed early, and give a
+  narrower interval than the one that the successful plan at mu_low survived. Report and use the executed plan.
+- In the stochastic world friction varies, which is in no interval of the acceleration error. A plan is chosen because
+  N_e(K) executions in a row succeeded, which shows little if N_e is small: see [the confidence that they
   earn](../../docs/learning.md).
-- A larger K asks for a wider margin and for more executions, and both make plans slower and safer.
+- A larger K requires a wider margin and more executions, and both make plans slower and safer.
 """
 
 
@@ -63,22 +66,23 @@ def write(out: Path, place: Bench) -> list[Path]:
             for what, row in (("executed", found.best), ("returned", found.returned)):
                 if row is not None:
                     lines.append({"world": world, "K": K, "what": what} | _line(row_record(found, row), found, K))
-    caption = "ILROBS(K) in a quiet and in a lucky world: success rates against Phi(K)."
+    caption = "ILROBS(K) in a quiet and in a stochastic world: success rates against Phi(K)."
     return write_table(Table(COLUMNS, tuple(lines), caption), out, "table_2_K", ABOVE, BELOW.format(trials=TRIALS))
 
 
-def _line(record, found, K: float) -> dict:
+def _line(record: Iteration, found: Learned, K: float) -> dict:
     wanted = phi(K)
     verdict = "reaches it"
-    if record["success_high"] < wanted:
+    if record.success_high < wanted:
         verdict = "misses it"
-    elif record["success_low"] > wanted:
+    elif record.success_low > wanted:
         verdict = "overshoots it"
     return {
-        **{key: record[key] for key in ("friction", "duration")},
+        "friction": record.friction,
+        "duration": record.duration,
         "needed": found.learner.executions,
         "executions": found.state.executed,
-        "error": max(record["planned_half_width"], default=0.0),
+        "error": max(record.planned_half_width, default=0.0),
         "fresh": success(record),
         "one_sided": 100 * wanted,
         "two_sided": 100 * phi(K, Reading.TWO_SIDED),

@@ -1,4 +1,4 @@
-"""Table 3 (ours): two parameters of the waiter task learned at once, by three branch-and-bound algorithms.
+"""Table 3 (ours): two parameters of the waiter task learned together, by three branch-and-bound algorithms.
 
 python experiments/table_3.py [--out results/tables]
 """
@@ -36,19 +36,19 @@ WAITER = Problem(
 ABOVE = """# Table 3: two parameters of the waiter task
 
 Written by `make reproduce-tables`. Two blocks; learned are the coefficient of friction of both interfaces and the
-height of the upper block's centre of mass over its middle [m], from success or failure alone. True are {friction:g}
-and {height:g}.
+height of the upper block's centre of mass over its middle [m], from success or failure alone. Their actual values
+are {friction:g} and {height:g}.
 """
 
 BELOW = """
 - Beyond the paper: its section 7 learns friction and centre of mass of the waiter task by three algorithms whose
   text we do not have; these three are ours, see [learning](../../docs/learning.md).
-- The tray is pushed by 2 N as in Table 2, so near the boundary luck decides: a plan counts as a success when 4
-  executions in a row succeed, and `bnb-informed` asks for a success rate of 3/4.
-- "lower bound": least duration of what no failure rules out; "gap": of the best plan to it. "fastest on the grid":
-  of {side} x {side} plans over the box, each executed 4 times from the fastest on until one succeeds.
-- Learned values are proxies: what is not modelled, such as the controller's tracking error, is made up for by less
-  friction or a higher centre of mass than the true ones.
+- The tray is pushed by 2 N as in Table 2, so outcomes near the boundary are random: a plan counts as a success if 4
+  executions in a row succeed, and `bnb-informed` requires a success rate of 3/4.
+- "lower bound": least duration of the region that no failure rules out; "gap": of the best plan to it. "fastest on
+  the grid": of {side} x {side} plans over the box, each executed 4 times from the fastest on until one succeeds.
+- Learned values are proxies: unmodelled effects, such as the controller's tracking error, are made up for by less
+  friction or a higher centre of mass than the actual ones.
 """
 
 
@@ -56,7 +56,7 @@ def write(out: Path, place: Bench) -> list[Path]:
     """Run the learners and brute force, and write the table."""
     quickest = brute_force(WAITER, place)
     lines = tuple(line(WAITER, name, found, quickest) for name, found in runs(WAITER, place).items())
-    caption = "Friction and height of a centre of mass learned at once, two blocks."
+    caption = "Friction and height of a centre of mass learned together, two blocks."
     above, below = ABOVE.format(friction=FRICTION, height=HEIGHT), BELOW.format(side=WAITER.side)
     return write_table(Table(columns([WAITER]), lines, caption), out, "table_3", above, below)
 

@@ -1,4 +1,4 @@
-"""Table 4 (ours): parameters of a humanoid that steps, learned at once by three branch-and-bound algorithms.
+"""Table 4 (ours): parameters of a humanoid that steps, learned together by three branch-and-bound algorithms.
 
 python experiments/table_4.py [--out results/tables]
 """
@@ -35,18 +35,18 @@ WITH_ERROR = Problem(
 ABOVE = """# Table 4: a humanoid that steps
 
 Written by `make reproduce-tables`. Two steps of 0.2 m; learned from success or failure alone are the coefficients
-of friction of both feet, and with them the bound of the base's acceleration error [m/s^2, rad/s^2]. True frictions
-are 0.3 (left) and 0.15 (right); with three parameters the torso's centre of mass is off by 3 cm to the left and 5
-cm up, which no parameter names.
+of friction of both feet, and with them the bound of the base's acceleration error [m/s^2, rad/s^2]. The actual
+frictions are 0.3 (left) and 0.15 (right); with three parameters the torso's centre of mass is off by 3 cm to the
+left and 5 cm up, which no parameter names.
 """
 
 BELOW = """
 - Beyond the paper, whose humanoid learns a coefficient of friction per limb by three algorithms whose text we do
-  not have; these three are ours, see [learning](../../docs/learning.md). Executions differ in nothing but the plan,
+  not have; these three are ours, see [learning](../../docs/learning.md). Executions of one plan do not vary,
   so one decides, and one simulation stands for all fresh trials.
-- "lower bound": least duration of what no failure rules out; "gap": of the best plan to it. "fastest on the grid":
-  of {two} x {two} and {three} x {three} x {three} plans over the box, each executed once from the fastest on until
-  one succeeds.
+- "lower bound": least duration of the region that no failure rules out; "gap": of the best plan to it. "fastest on
+  the grid": of {two} x {two} and {three} x {three} x {three} plans over the box, each executed once from the
+  fastest on until one succeeds.
 - Budgets: {budget_two} executions for two parameters, {budget_three} for three.
 """
 
@@ -65,7 +65,7 @@ def write(out: Path, place: Bench) -> list[Path]:
         quickest = brute_force(problem, place)
         lines += [line(problem, name, found, quickest) for name, found in runs(problem, place).items()]
     caption = (
-        "Friction of both feet, and a bound of the base's acceleration error, learned at once; a humanoid that steps."
+        "Friction of both feet, and a bound of the base's acceleration error, learned together; a humanoid that steps."
     )
     below = BELOW.format(
         two=FRICTIONS.side, three=WITH_ERROR.side, budget_two=FRICTIONS.budget, budget_three=WITH_ERROR.budget

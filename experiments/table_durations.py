@@ -1,9 +1,9 @@
-"""Durations of the two-block waiter task at the paper's coefficients of friction, beside the paper's Table 1.
+"""Write the durations of the two-block waiter task at the paper's friction coefficients, beside the paper's Table 1.
 
     python experiments/table_durations.py [--points N] [--out results/tables]
 
-Writes durations.csv, durations.md and durations.tex: `make reproduce-tables`. Every number of ours comes from the plans
-made here; the same code gives the same files.
+`make reproduce-tables` writes durations.csv, durations.md and durations.tex. All numbers of ours come from plans that
+are made here; the same code gives the same files.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / "configs" / "waiter_two_blocks.yaml"
 
 PAPER_TABLE_1 = {1.0: 3.229, 0.5: 3.232, 0.25: 3.704, 0.1875: 4.276, 0.125: 5.237}
-"""Duration [s] by coefficient of friction: the paper's Table 1, "execution time of optimized path", on hardware."""
+"""Duration [s] by friction coefficient: the paper's Table 1, "execution time of optimized path", on hardware."""
 
 FINE = 25
-"""The fine grid has so many times the collocation points of the table."""
+"""Collocation points of the fine grid per collocation point of the table."""
 
 COLUMNS = (
     Column("friction", "mu", "g", r"$\mu$"),
@@ -82,7 +82,7 @@ def solved(problem: TimeScalingProblem, method: str) -> Plan:
 
 
 def durations(frictions: Sequence[float], points: int) -> list[dict[str, float | str]]:
-    """One record per coefficient of friction, in this order: each has its ratios to the one before."""
+    """Return one record per friction coefficient, with its ratios to the one before."""
     records: list[dict[str, float | str]] = []
     for friction in frictions:
         problem = problem_at(friction, points)
@@ -106,7 +106,7 @@ def durations(frictions: Sequence[float], points: int) -> list[dict[str, float |
 
 
 def write(out: Path, place: Bench, points: int = 200) -> list[Path]:
-    """Plan at every coefficient of friction and write the table."""
+    """Plan at every friction coefficient and write the table."""
     place.say(f"{len(PAPER_TABLE_1)} coefficients of friction")
     records = durations(tuple(PAPER_TABLE_1), points)
     caption = f"Duration of the two-block waiter task by coefficient of friction, {points} collocation points."

@@ -1,4 +1,4 @@
-"""Durations of calls side by side on a machine that does other things too, and what that machine is."""
+"""Time calls side by side on a machine with other load, and describe the machine."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ Array = np.ndarray
 Key = TypeVar("Key")
 
 SHORTEST = 2e-3
-"""Where the clock and cold caches count little [s]."""
+"""Time of a turn for which the clock and cold caches hardly count [s]."""
 
 LONG = 0.5
-"""A call longer than this is warm after one round [s]."""
+"""A longer call is warm after one round [s]."""
 
 
 def interleaved(
     calls: Mapping[Key, Callable[[], object]], repetitions: int, shortest: float = SHORTEST
 ) -> dict[Key, Array]:
-    """Seconds per call, (repetitions,) each: the calls take turns, A B C A B C, after a round or two to warm up.
+    """Return the seconds per call, (repetitions,) each; the calls take turns, A B C A B C, after a warm-up.
 
-    shortest: a shorter call is repeated for so long before the next has its turn, and the time divided [s]
+    A call shorter than `shortest` [s] is repeated for that time before the next has its turn, and the time is divided.
     """
     once = {name: _seconds(call, 1) for name, call in calls.items()}
     once = {name: _seconds(calls[name], 1) if seconds < LONG else seconds for name, seconds in once.items()}
@@ -45,13 +45,13 @@ def _seconds(call: Callable[[], object], count: int) -> float:
 
 
 def spread(seconds: Array) -> dict[str, float | int]:
-    """Median and quartiles of repeated measurements, as entries of a record."""
+    """Return median and quartiles of repeated measurements, as entries of a record."""
     low, middle, high = np.quantile(seconds, [0.25, 0.5, 0.75]).tolist()
     return {"seconds": middle, "lower_quartile": low, "upper_quartile": high, "repetitions": len(seconds)}
 
 
 def machine_facts(packages: tuple[str, ...]) -> str:
-    """Processor, cores, versions and how busy the machine is, in one paragraph."""
+    """Describe processor, cores, versions and load of the machine in one paragraph."""
     versions = ", ".join(f"{name} {metadata.version(name)}" for name in packages)
     system = f"{_processor()}, {os.cpu_count()} cores, {platform.system()}, Python {platform.python_version()}"
     threads = os.environ.get("OPENBLAS_NUM_THREADS", "as many as OpenBLAS takes")

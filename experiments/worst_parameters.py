@@ -1,9 +1,9 @@
-"""A search for the parameters that a timing likes least, which shares no bound with the planner.
+"""Search for the worst parameters of a timing, without any bound of the planner.
 
-Masses, centres of mass and joint acceleration errors are put into the wrenches as they are, squares and products
-included; each contact point is displaced by itself, and the friction cone of every displaced patch is built anew. What
-the search finds is a lower bound of the worst case, so the fastest timing that satisfies all that it has ever found is
-a lower bound of the duration of the best robust plan.
+Masses, centres of mass and joint acceleration errors enter the wrenches exactly, squares and products included; each
+contact point is displaced by itself, and the friction cone of every displaced patch is built anew. The result is a
+lower bound of the worst case, so the fastest timing that satisfies all cases ever found bounds the duration of the
+best robust plan from below.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from itertools import product
 
 import numpy as np
 
+from robustopt.arrays import Array, Flags
 from robustopt.config import Config
 from robustopt.config.load import with_values
 from robustopt.geometry import convex_hull, rotation
@@ -21,6 +22,7 @@ from robustopt.limits import TimeScalingProblem
 from robustopt.limits.bodies import INERTIA_TERMS
 from robustopt.limits.cones import about_point, patch_facets
 from robustopt.limits.formulas import evaluate
+from robustopt.limits.names import LimitKind, LimitName
 from robustopt.limits.polygons import Family, facet_family
 from robustopt.limits.uncertainty import acceleration_error, bodies
 from robustopt.scene.patches import Patch, patches
@@ -29,37 +31,43 @@ from robustopt.solvers import Plan, Status
 from robustopt.solvers.plan import interval_ends
 from robustopt.solvers.reachability import solve_reachability
 
-Array = np.ndarray
-
 STARTS = 3
-"""Random corners of the box that the search climbs from, per row; more of them found nothing more."""
+"""Random corners of the box from which the search climbs, per row; more of them found nothing new."""
 
 DISPLACEMENTS = 16
-"""Random displacements of the contact points of a patch beside the systematic ones."""
+"""Random displacements of the contact points of a patch, beside the systematic ones."""
 
 NOTHING = np.zeros((0, 0, 3))
-"""The own part of rows that have none."""
+"""Own part of rows without one."""
 
 WORST_ROWS = 6
-"""Rows that are searched at each end of an interval: those whose bound is largest, where it is violated at all."""
+"""Number of rows that are searched at each end of an interval: the ones with the largest bounds."""
 
 CHUNK = 16
-"""Ends of intervals whose bounds are evaluated at once, for the sake of memory."""
+"""Ends of intervals whose bounds are evaluated at once, to save memory."""
 
 VIOLATION = 1e-6
-"""Fraction of the weight, or of a torque limit, by which a worst case may exceed it before it becomes a row."""
+"""Fraction of the weight, or of a torque limit, by which a worst case must exceed it to become a row."""
+
+SEARCHED = LimitName("worst case", "search")
+"""Name of the rows that the search adds."""
 
 ROUNDS, CLIMBS = 40, 8
-"""Most rounds of cuts, and sweeps over the parameters from one start; both end by themselves before that."""
+"""Most rounds of cuts, and most sweeps over the parameters from one start; both usually end earlier."""
 
 
 @dataclass(frozen=True)
 class Box:
     """The uncertain parameters in units of their intervals, z in [-1, 1], and the inertial parameters for them.
 
-    masses: (lowest, highest) per body, (n, 2); arms: centres of mass in the tray frame (n, 3); central: inertia about
-    them per mass, (n, 3, 3); reaches: columns are the full displacements along the axes of each body (n, 3, 3);
-    middle, radius: of the joint acceleration error
+    Attributes:
+        names: Bodies.
+        masses: Lowest and highest mass, shape (n, 2), [kg].
+        arms: Centres of mass, carrier frame, shape (n, 3), [m].
+        central: Inertia about them per mass, shape (n, 3, 3), [m^2].
+        reaches: Full displacements of the centre of mass along the axes of each body, as columns, shape (n, 3, 3), [m].
+        middle: Middle of the acceleration error of each joint, [rad/s^2 or m/s^2].
+        radius: Half-width of it.
     """
 
     names: tuple[str, ...]
@@ -75,8 +83,8 @@ class Box:
         return 4 * len(self.names) + len(self.radius)
 
     @property
-    def free(self) -> Array:
-        """Which parameters have an interval of any width, (size,)."""
+    def free(self) -> Flags:
+        """Return whether each parameter has an interval of any width, (size,)."""
         return np.r_[
             self.masses[:, 0] < self.masses[:, 1], np.abs(self.reaches).max(axis=1).ravel() > 0, self.radius > 0
         ]
@@ -85,7 +93,7 @@ class Box:
         return self.middle + z[:, 4 * len(self.names) :] * self.radius
 
     def inertial(self, z: Array) -> Array:
-        """m, m r and I_o of every body for z (M, size), shape (M, n, 10)."""
+        """Return m, m r and I_o of every body for z (M, size), shape (M, n, 10)."""
         n = len(self.names)
         mass = self.masses.mean(axis=1) + z[:, :n] * np.diff(self.masses)[:, 0] / 2
         r = self.arms + np.einsum("nij,mnj->mni", self.reaches, z[:, n : 4 * n].reshape(-1, n, 3))
@@ -104,27 +112,26 @@ def box_of(config: Config, joints: int) -> Box:
         about_origin = np.zeros((3, 3))
         for value, (i, j) in zip(body.psi[4:], INERTIA_TERMS, strict=True):
             about_origin[i, j] = about_origin[j, i] = value
-        turn = np.eye(3)
-        turn[:2, :2] = rotation(placed[name].yaw if name in placed else 0.0)
+        turn = placed[name].rotation if name in placed else np.eye(3)
         names.append(name)
         masses.append(uncertain.mass.get(name, body.mass))
         arms.append(arm)
         central.append(about_origin - (arm @ arm * np.eye(3) - np.outer(arm, arm)))
         reaches.append(turn * np.array(uncertain.center_of_mass.get(name, (0.0, 0.0, 0.0))))
-    return Box(
-        tuple(names), *map(np.array, (masses, arms, central, reaches)), *acceleration_error(config, joints, 0).arrays
-    )
+    error = acceleration_error(config, joints, 0)
+    return Box(tuple(names), *map(np.array, (masses, arms, central, reaches)), *error.arrays)
 
 
 @dataclass(frozen=True)
 class Limit:
-    """Rows over the wrench about the tray's origin that some bodies need: of an interface, or of the joints' torques.
+    """Rows over the required wrench of some bodies about the carrier's origin: of a contact, or of the joint torques.
 
-    facets: as fractions of the limit, (F, 6), or (P, F, 6) where they differ from point to point; of an interface those
-    of all displaced patches; own: affine part of a row by itself, (P, F, 3); own_error: what the acceleration errors
-    z in [-1, 1] add to it, (P, F, n); both 0 for an interface, and without points
-    carried: which bodies of the box load it, (n,); family: the same with the planner's bounds, about the point of its
-    loads; it only chooses where the search begins
+    Attributes:
+        facets: Rows as fractions of the limit, (F, 6) for all displaced patches of a contact, (P, F, 6) for torques.
+        own: Affine part of each row, (P, F, 3), 0 for a contact.
+        own_error: Share of the acceleration errors z in [-1, 1] in each row, (P, F, n), 0 for a contact.
+        carried: Whether each body of the box loads it, (n,).
+        family: The same rows with the planner's bounds; they only choose the start of the search.
     """
 
     facets: Array
@@ -134,7 +141,7 @@ class Limit:
     family: Family
 
     def rows(self, points: Array, row: Array, z: Array) -> tuple[Array, Array]:
-        """Facet (M, 6) and own part (M, 3) of a row at each point, for parameters z (M, size)."""
+        """Return the row (M, 6) and its own part (M, 3) at each point, for parameters z (M, size)."""
         if self.facets.ndim == 2:
             return self.facets[row], np.zeros((len(row), 3))
         own = self.own[points, row].copy()
@@ -143,7 +150,7 @@ class Limit:
         return self.facets[points, row], own
 
     def values(self, points: Array, wrench: Array, timing: Array, z: Array) -> Array:
-        """Values of all rows for the wrenches (M, 6) at (u, x, 1) (M, 3), (M, F)."""
+        """Return the values of all rows for the wrenches (M, 6) at (u, x, 1) (M, 3), (M, F)."""
         if self.facets.ndim == 2:
             return wrench @ self.facets.T
         own = np.einsum("mfk,mk->mf", self.own[points], timing)
@@ -170,9 +177,9 @@ def interfaces(problem: TimeScalingProblem, box: Box, rng: np.random.Generator) 
 
 
 def torque(problem: TimeScalingProblem, box: Box) -> Limit:
-    """The torque limits of an arm without viscous friction."""
-    limits, motion = problem.limits.torque, problem.limits.motion
-    per_limit = motion.dynamics.mass_matrix * box.radius / problem.robot.limits.torque[:, None]
+    """Return the torque limits of an arm without viscous friction."""
+    limits = problem.limits.torque
+    per_limit = problem.limits.motion.dynamics.mass_matrix * box.radius / problem.robot.limits.torque[:, None]
     every = np.arange(2 * problem.robot.n)
     family = Family(limits.B, limits.loads, limits.base, limits.base_terms, every)
     own_error = np.concatenate([per_limit, -per_limit], axis=1)
@@ -186,7 +193,7 @@ def _facets(config: Config, patch: Patch, corners: Array, mu: float) -> Array:
 
 
 def _displaced(patch: Patch, shift: float, rng: np.random.Generator) -> Iterator[Array]:
-    """The patch with its corners displaced: all alike, all towards the middle, and at random."""
+    """Yield the patch with its corners displaced: all alike, all towards the middle, and at random."""
     if shift == 0.0:
         yield patch.polygon
         return
@@ -200,8 +207,11 @@ def _displaced(patch: Patch, shift: float, rng: np.random.Generator) -> Iterator
 
 
 def coefficients(problem: TimeScalingProblem, box: Box, limit: Limit, points: Array, z: Array) -> Array:
-    """Wrench of the bodies of a limit for parameters z (M, size): coefficients of u, x, 1 about the tray's origin,
-    (M, 6, 3)."""
+    """Return the required wrench of the bodies of a limit about the carrier's origin for parameters z (M, size).
+
+    Returns:
+        Coefficients of (u, x, 1), shape (M, 6, 3).
+    """
     phi = np.einsum("mnj,n->mj", box.inertial(z), limit.carried.astype(float))
     per_rate = np.einsum("mkij,mj->mik", problem.limits.motion.wrench_map[points], phi)
     result = per_rate[:, :, :3].copy()
@@ -218,10 +228,10 @@ def worst_draws(
     x: Array,
     rng: np.random.Generator,
 ) -> tuple[Array, Array, Array]:
-    """For each point the worst value found, its facet and its parameters: (M,), (M,), (M, size).
+    """Return the worst value found at each point, its row and its parameters: (M,), (M,), (M, size).
 
-    Coordinate by coordinate from random corners: a row is affine in each mass and each error, and a parabola in each
-    centre of mass, so an end or the vertex of the parabola is the best of a coordinate.
+    The search goes coordinate by coordinate from random corners. A row is affine in each mass and each error, and
+    quadratic in each centre of mass, so an end of the interval or the vertex of the parabola is best.
     """
     M, timing = len(points), np.stack([u, x, np.ones_like(u)], axis=1)
 
@@ -254,8 +264,10 @@ def worst_draws(
 
 
 def _likely_rows(limit: Limit, points: Array, u: Array, x: Array) -> Array:
-    """The rows of largest bound at each point, (M, up to WORST_ROWS): others are violated less, or by nothing at
-    all."""
+    """Return the rows with the largest bounds at each point, (M, up to WORST_ROWS).
+
+    Other rows are violated less, if at all.
+    """
     B, loads, base, base_terms, _ = limit.family
     chosen = []
     for k in range(0, len(points), CHUNK):
@@ -269,14 +281,14 @@ def _likely_rows(limit: Limit, points: Array, u: Array, x: Array) -> Array:
 
 
 def _at(z: Array, k: int, level: Array | float) -> Array:
-    """z with coordinate k at a level."""
+    """Return z with one coordinate at a level."""
     result = z.copy()
     result[:, k] = level
     return result
 
 
 def _best_level(lowest: Array, middle: Array, highest: Array) -> Array:
-    """Where in [-1, 1] the parabola through the values at -1, 0 and 1 is largest."""
+    """Return the maximiser in [-1, 1] of the parabola through the values at -1, 0 and 1."""
     slope, bend = (highest - lowest) / 2, (highest + lowest) / 2 - middle
     vertex = np.clip(-slope / (2 * np.where(bend < 0, bend, -1.0)), -1.0, 1.0)
     return np.where(bend < 0, vertex, np.where(highest >= lowest, 1.0, -1.0))
@@ -284,7 +296,13 @@ def _best_level(lowest: Array, middle: Array, highest: Array) -> Array:
 
 @dataclass(frozen=True)
 class Tightness:
-    """robust: duration of the plan of the bounds; possible: lower bound of that of any robust plan [s]; rows: cuts"""
+    """The result of the search.
+
+    Attributes:
+        robust: Duration of the plan with the bounds [s].
+        possible: Lower bound of the duration of any robust plan [s].
+        rows: Number of worst cases found.
+    """
 
     robust: float
     possible: float
@@ -292,18 +310,18 @@ class Tightness:
 
 
 def tightness(problem: TimeScalingProblem, plan: Plan, seed: int) -> Tightness:
-    """How much faster than a plan another robust plan could be: the fastest one for all draws that the search finds.
+    """Compare a plan with the fastest timing for all worst cases that the search finds.
 
-    Joint torques are searched where there is no viscous friction, whose tangent is a bound of another kind; else the
-    bounds of the torques are kept.
+    Joint torques are searched if there is no viscous friction, whose tangent is another kind of bound; otherwise the
+    bounds of the torques stay.
     """
     rng = np.random.default_rng(seed)
     box = box_of(problem.config, problem.robot.n)
-    found, searched = interfaces(problem, box, rng), ["slip", "tipping"]
+    found, searched = interfaces(problem, box, rng), {LimitKind.SLIP, LimitKind.TIPPING}
     if not problem.limits.torque.viscous.any():
         found.append(torque(problem, box))
-        searched += [f"{joint} torque" for joint in problem.robot.joint_names]
-    exact = problem.only([name for name in problem.limits.names if not name.startswith(tuple(searched))])
+        searched.add(LimitKind.TORQUE)
+    exact = problem.only([name for name in problem.limits.names if name.kind not in searched])
     current = _with_rows(exact, [_standing_rows(exact, box, item) for item in found])
     count, best = 0, solve_reachability(current)
     for _ in range(ROUNDS):
@@ -319,11 +337,11 @@ def tightness(problem: TimeScalingProblem, plan: Plan, seed: int) -> Tightness:
 
 
 Cuts = tuple[Array, Array]
-"""Grid points (R,) and rows a, b, c there (R, 3)."""
+"""Grid points (R,), and rows a, b, c there (R, 3)."""
 
 
 def _standing_rows(problem: TimeScalingProblem, box: Box, limit: Limit) -> Cuts:
-    """At every grid point the row that standing still comes nearest to, with parameters at their middle: a start."""
+    """Return the row at every grid point that standing still nearly violates, at nominal parameters, as a start."""
     points, still = np.arange(len(problem.s)), np.array([0.0, 0.0, 1.0])
     middle = np.zeros((len(points), box.size))
     wrench = coefficients(problem, box, limit, points, middle)[:, :, 2]
@@ -332,7 +350,7 @@ def _standing_rows(problem: TimeScalingProblem, box: Box, limit: Limit) -> Cuts:
 
 
 def _violated_rows(problem: TimeScalingProblem, box: Box, limit: Limit, plan: Plan, rng: np.random.Generator) -> Cuts:
-    """Rows that a plan violates for the worst parameters found."""
+    """Return the rows that a plan violates for the worst parameters found."""
     u, x, points = interval_ends(problem, plan.x, plan.u)
     value, facet, z = worst_draws(problem, box, limit, points, u, x, rng)
     hit = value > VIOLATION
@@ -340,13 +358,13 @@ def _violated_rows(problem: TimeScalingProblem, box: Box, limit: Limit, plan: Pl
 
 
 def _rows_of(problem: TimeScalingProblem, box: Box, limit: Limit, points: Array, row: Array, z: Array) -> Array:
-    """Rows of a limit as coefficients of u, x, 1 for parameters z (M, size), (M, 3)."""
+    """Return rows of a limit as coefficients of (u, x, 1) for parameters z (M, size), (M, 3)."""
     normals, own = limit.rows(points, row, z)
     return np.einsum("mi,mik->mk", normals, coefficients(problem, box, limit, points, z)) + own
 
 
 def _with_rows(problem: TimeScalingProblem, cuts: list[Cuts]) -> TimeScalingProblem:
-    """The problem with more rows, in as many columns as the grid point with most of them needs."""
+    """Return the problem with more rows, in as many columns as the grid point with most of them needs."""
     points = np.concatenate([cut[0] for cut in cuts])
     rows = np.concatenate([cut[1] for cut in cuts])
     order = np.argsort(points, kind="stable")
@@ -356,4 +374,4 @@ def _with_rows(problem: TimeScalingProblem, cuts: list[Cuts]) -> TimeScalingProb
     extra[:, :, 2] = -1.0
     extra[points, slot] = rows
     a, b, c = (np.hstack([old, extra[:, :, k]]) for k, old in enumerate((problem.a, problem.b, problem.c)))
-    return replace(problem, a=a, b=b, c=c, row_names=(*problem.row_names, *["searched"] * extra.shape[1]))
+    return replace(problem, a=a, b=b, c=c, row_names=(*problem.row_names, *[SEARCHED] * extra.shape[1]))

@@ -1,4 +1,4 @@
-"""Functions that numba compiles."""
+"""Compilation of numerical kernels by numba."""
 
 from __future__ import annotations
 
@@ -9,16 +9,22 @@ import numba as nb
 
 
 def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Compile a function without the interpreter's lock, and keep the result on the disk for the next process.
+    """Return a decorator that compiles a function without the interpreter's lock and keeps the result on the disk.
 
-    Where neither the folder of the package nor a cache folder of the user can be written to, as in some containers,
-    each process compiles anew. options: of numba.njit
+    If neither the package's folder nor the user's cache folder can be written, as in some containers, each process
+    compiles the function again.
+
+    Args:
+        **options: options of `numba.njit`.
+
+    Returns:
+        The decorator.
     """
 
     def decorate(function: Callable[..., Any]) -> Any:
         try:
             return nb.njit(cache=True, nogil=True, **options)(function)
-        except RuntimeError:  # no place to keep it
+        except RuntimeError:  # no folder for the cache
             return nb.njit(nogil=True, **options)(function)
 
     return decorate

@@ -4,14 +4,14 @@ RobustOptError
 ├── ConfigError            the configuration cannot be used (exit code 2)
 │   ├── RobotError         the robot's model file, its tool or its limits
 │   └── PathError          the path is unreachable, leaves a limit, jumps or collides
-├── ProblemInfeasible      no timing of the path satisfies the limits (exit code 3)
+├── Infeasible             no timing of the path satisfies the limits (exit code 3)
 ├── SolverFailed           a solver stopped without an answer, or its plan failed the certificate (exit code 4)
 ├── SimulationFailed       a plan cannot be simulated, or its simulation fails in every trial (exit code 5)
 └── RunFolderError         a run folder cannot be written or read (exit code 2)
     └── RunInUse           another process is at work on the run
 
-Expected outcomes (infeasible, iteration limit) are statuses of a `Plan`; the last three of the tree are
-raised only by the command line and by functions that have no plan to return.
+Expected outcomes, such as an infeasible problem or an iteration limit, are statuses of a `Plan`. `Infeasible` and
+`SolverFailed` are raised by functions that need a timing and have none.
 """
 
 from __future__ import annotations
@@ -28,16 +28,14 @@ class RobustOptError(Exception):
 
 @dataclass(frozen=True)
 class ConfigProblem:
-    """One mistake in a configuration: where, what was found, what would be right."""
+    """One mistake in a configuration: its key, a message with the remedy, and its place in the file."""
 
     key: str
     message: str
     location: str = ""
 
     def __str__(self) -> str:
-        where = f"{self.location}: " if self.location else ""
-        key = f"{self.key}: " if self.key else ""
-        return f"{where}{key}{self.message}"
+        return ": ".join(filter(None, (self.location, self.key, self.message)))
 
 
 class ConfigError(RobustOptError):
@@ -46,13 +44,14 @@ class ConfigError(RobustOptError):
     exit_code = 2
 
     def __init__(self, problems: Sequence[ConfigProblem] | str, key: str = "") -> None:
+        """Make an error of several mistakes, or of one message about one key."""
         if isinstance(problems, str):
             problems = [ConfigProblem(key=key, message=problems)]
         self.problems = tuple(problems)
         super().__init__("\n".join(str(problem) for problem in self.problems))
 
     def __reduce__(self) -> tuple[type[ConfigError], tuple[tuple[ConfigProblem, ...]]]:
-        """What another process needs to raise it here with all its problems."""
+        """Return the parts from which another process makes the same error."""
         return type(self), (self.problems,)
 
 
@@ -64,7 +63,7 @@ class PathError(ConfigError):
     """The path is unreachable, leaves a joint limit, jumps to another branch or collides."""
 
 
-class ProblemInfeasible(RobustOptError):
+class Infeasible(RobustOptError):
     """No timing of the path satisfies the limits for every value in the intervals."""
 
     exit_code = 3

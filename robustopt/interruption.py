@@ -1,4 +1,7 @@
-"""Interruptions of a command: remembered, because libraries swallow them or turn them into something else."""
+"""Interruptions of a command by a signal.
+
+They are recorded, because libraries swallow the KeyboardInterrupt or turn it into another exception.
+"""
 
 from __future__ import annotations
 
@@ -19,20 +22,25 @@ interruptions: list[int] = []
 
 
 class Kept(int):
-    """Exit code of a command that was interrupted and has said itself what it kept."""
+    """An exit code of an interrupted command that has itself told the user which results it kept."""
 
 
 def on_interrupt(signal_number: int, _frame: object) -> None:
-    """Handler of the signals that ask a process to stop."""
+    """Record a signal that asks this process to stop, and raise KeyboardInterrupt.
+
+    Args:
+        signal_number: the signal.
+        _frame: not used; Python passes it to every signal handler.
+
+    Raises:
+        KeyboardInterrupt: always.
+    """
     interruptions.append(signal_number)
     raise KeyboardInterrupt
 
 
 def listen() -> None:
-    """Let this process remember interruptions, and say nothing of what they break in callbacks and threads.
-
-    A killed pool of workers, for instance, may miss tasks that were just given to it.
-    """
+    """Record interruptions from now on, and print no errors that they cause in callbacks and threads."""
     for number in STOPS:
         if number == signal.SIGINT or signal.getsignal(number) is not signal.SIG_IGN:  # nohup ignores SIGHUP
             signal.signal(number, on_interrupt)
@@ -51,23 +59,31 @@ def _on_thread_error(error: threading.ExceptHookArgs) -> None:
 
 
 def stop_if_interrupted() -> None:
-    """Stop where a library has swallowed the KeyboardInterrupt of Ctrl-C."""
+    """Raise KeyboardInterrupt if this process was interrupted: a library may have swallowed the first one.
+
+    Raises:
+        KeyboardInterrupt: this process was interrupted.
+    """
     if interruptions:
         raise KeyboardInterrupt
 
 
 @contextmanager
 def held() -> Generator[list[int], None, None]:
-    """Let interruptions wait until the end of this block; yields the signals that came, as they come.
+    """Postpone interruptions until the end of this block.
 
-    For what must not be left half done, and for libraries that do not bear an exception in their midst.
+    For work that must not be left half done, and for libraries that cannot be left by an exception. Only the main
+    thread receives signals, so the block changes nothing in other threads.
+
+    Yields:
+        The signals received so far; the list grows as they arrive.
     """
     came: list[int] = []
     if threading.current_thread() is not threading.main_thread():
         yield came
         return
     handlers = {number: signal.getsignal(number) for number in STOPS}
-    unheard = (signal.SIG_IGN, None)  # None: not of Python, which cannot restore it
+    unheard = (signal.SIG_IGN, None)  # None: a handler that was not set in Python, which cannot restore it
     heard = [number for number in STOPS if handlers[number] not in unheard]
     try:
         for number in heard:

@@ -1,4 +1,4 @@
-"""What a run says to people: its summary in the terminal, and as a page with its figures."""
+"""Summary of a run for people: in the terminal, and as a page with its figures."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import base64
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from rich import box
 from rich.console import Console
@@ -14,13 +14,22 @@ from rich.table import Table
 from rich.text import Text
 
 from robustopt.runs.learning_table import legend, table
+from robustopt.runs.records import (
+    CertificateRecord,
+    DiagnosisRecord,
+    ExecutionsRecord,
+    Iteration,
+    LearningRecord,
+    RunStatus,
+    Summary,
+)
 
 if TYPE_CHECKING:
     from robustopt.runs.execution_run import ExecutionResult
-    from robustopt.runs.experiment import PlanResult
+    from robustopt.runs.plan_run import PlanResult
 
 MOST_LIMITS = 8
-"""Limits that are shown by name; the rest are summed up."""
+"""Number of limits that are shown by name; the rest are summed up."""
 
 PAGE = "report.html"
 
@@ -37,9 +46,9 @@ FIGURES = (
     "learning.svg", "trials.svg", "foot_contacts.svg", "phase_plane.svg", "feet.svg", "footprints.svg", "contacts.svg",
     "joints*.svg", "accelerations.svg",
 )  # fmt: skip
-"""Figures of the page in their order; what binds is a table of it already."""
+"""Figures of the page in their order; the binding limits are in a table already."""
 
-_COLOURS = {"solved": "green", "learned": "green", "infeasible": "yellow"}
+_COLOURS = {RunStatus.SOLVED: "green", RunStatus.LEARNED: "green", RunStatus.INFEASIBLE: "yellow"}
 
 _STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; color: #222; }
@@ -52,97 +61,92 @@ img { max-width: 100%; } h2 { font-size: 1.1rem; margin: 1.5rem 0 0.3rem; }
 
 
 class Row(NamedTuple):
-    """A line of a summary: a name, a value, and for shares the part of the whole, drawn as a bar."""
+    """Line of a summary: a name, a value, and for shares the part of the whole, drawn as a bar."""
 
     name: str
     value: str
     share: float | None = None
 
 
-def headline(data: Mapping[str, Any]) -> str:
-    """How a run ended, in one line."""
-    if data.get("duration") is None:
-        return f"{data['name']}: {data['status']}"
-    if data.get("kind") == "learning":
-        return f"{data['name']}: {data['status']} a plan of {data['duration']:.4f} s"
-    return f"{data['name']}: {data['status']}; the motion takes {data['duration']:.4f} s, planned by {data['method']}"
+def headline(data: Summary) -> str:
+    """Return in one line how a run ended."""
+    if data.duration is None:
+        return f"{data.name}: {data.status}"
+    if data.kind == "learning":
+        return f"{data.name}: {data.status} a plan of {data.duration:.4f} s"
+    return f"{data.name}: {data.status}; the motion takes {data.duration:.4f} s, planned by {data.method}"
 
 
-def sections(data: Mapping[str, Any]) -> list[tuple[str, list[Row]]]:
-    """The summary of a run under headings: what binds, certificate, why there is no plan, size, times."""
+def sections(data: Summary) -> list[tuple[str, list[Row]]]:
+    """Return the lines of a summary under their headings; sections without a line are left out."""
     parts = [
-        ("Learning", _learning(data["learning"]) if data.get("learning") else []),
-        ("Executions", _executions(data["executions"]) if data.get("executions") else []),
-        ("What binds, share of the duration", _binding(data.get("binding") or {})),
-        ("Certificate", _certificate(data["certificate"]) if data.get("certificate") else []),
-        ("Why there is no plan", _diagnosis(data["diagnosis"]) if data.get("diagnosis") else []),
-        ("Robot", [Row("note", note) for note in data.get("notes") or []]),
-        ("Problem", rows(data.get("size") or {})),
-        ("Solution", rows(data.get("statistics") or {})),
-        ("Time [s]", rows(data.get("seconds") or {})),
+        ("Learning", _learning(data.learning) if data.learning else []),
+        ("Executions", _executions(data.executions) if data.executions else []),
+        ("Binding limits, share of the duration", _binding(data.binding)),
+        ("Certificate", certificate_rows(data.certificate) if data.certificate else []),
+        ("Why there is no plan", _diagnosis(data.diagnosis) if data.diagnosis else []),
+        ("Robot", [Row("note", note) for note in data.notes]),
+        ("Problem", rows(data.size.model_dump()) if data.size else []),
+        ("Solution", rows(data.statistics)),
+        ("Time [s]", rows(data.seconds)),
     ]
     return [(title, lines) for title, lines in parts if lines]
 
 
 def rows(values: Mapping[str, Any]) -> list[Row]:
-    """Names and values as lines."""
+    """Return names and values as lines."""
     return [Row(name.replace("_", " "), _cell(value)) for name, value in values.items() if value is not None]
 
 
-def _learning(learning: Mapping[str, Any]) -> list[Row]:
-    names = ("algorithm", "end", "iterations", "plans", "executions")
-    lines = rows({name: learning[name] for name in names})
-    return [
-        *lines,
-        *rows({"success rate in question": learning["target_rate"], "confidence": learning["confidence"] or None}),
-    ]
+def _learning(learning: LearningRecord) -> list[Row]:
+    shown = learning.model_dump(include={"algorithm", "end", "iterations", "plans", "executions"})
+    rate = {"success rate in question": learning.target_rate, "confidence": learning.confidence or None}
+    return rows(shown | rate)
 
 
-def _executions(executions: Mapping[str, Any]) -> list[Row]:
-    total = executions["trials"]
-    lines = [Row(name, f"{count:,}", count / total) for name, count in executions["statuses"].items()]
-    first = executions["first_failure"]
+def _executions(executions: ExecutionsRecord) -> list[Row]:
+    lines = [Row(name, f"{count:,}", count / executions.trials) for name, count in executions.statuses.items()]
+    first = executions.first_failure
     if first is not None:
-        where = f"{first['status']}, {first['what']}, at t = {first['t']:.3f} s, s = {first['s']:.4f}"
-        lines.append(Row("earliest failure", f"{where} in trial {first['trial']}"))
-    lines.append(Row("duration", f"{executions['duration']:.4f} s, {executions['speed']:g} times the plan's speed"))
-    feedback = executions["feedback"]
-    if feedback is not None:
-        for kind in ("mean", "deviation"):
-            lines.append(Row(f"acceleration error {kind}", _errors(feedback[kind])))
+        place = f"{first.status}, {first.what}, at t = {first.t:.3f} s, s = {first.s:.4f}"
+        lines.append(Row("earliest failure", f"{place} in trial {first.trial}"))
+    lines.append(Row("duration", f"{executions.duration:.4f} s, {executions.speed:g} times the plan's speed"))
+    if executions.feedback is not None:
+        lines.append(Row("acceleration error mean", _errors(executions.feedback.mean)))
+        lines.append(Row("acceleration error deviation", _errors(executions.feedback.deviation)))
     return lines
 
 
 def _errors(values: Sequence[float]) -> str:
-    """Errors of all coordinates, or their range where there are many."""
+    """Return the errors of all coordinates, or their range if there are many."""
     if len(values) > MOST_LIMITS:
         return f"{min(values):.3f} to {max(values):.3f} over {len(values)} coordinates"
     return ", ".join(f"{value:.3f}" for value in values)
 
 
-def _certificate(certificate: Mapping[str, Any]) -> list[Row]:
-    worst, margins = certificate["worst"], certificate["margins"]
-    effort = f"{certificate['level']}: {certificate['draws']:,} draws, {certificate['tests']:,} tests"
-    name, margin = min(margins.items(), key=lambda item: _lowest(item[1]["on_grid"]))
+def certificate_rows(certificate: CertificateRecord) -> list[Row]:
+    """Return the lines of a certificate."""
+    worst, margins = certificate.worst, certificate.margins
+    effort = f"{certificate.level}: {certificate.samples:,} samples, {certificate.tests:,} tests"
+    name, margin = min(margins.items(), key=lambda item: _lowest(item[1].on_grid))
     lines = [
-        Row("result", f"{'passed' if certificate['passed'] else 'failed'} ({effort})"),
-        Row("margin at grid points", f"{_left(margin['on_grid'])}: {name}"),
-        Row("worst margin", f"{_left(worst['margin'])}: {worst['limit']}"),
-        Row("  where", f"{worst['place']}, {'at a' if worst['on_grid'] else 'next to a'} grid point"),
-        Row("  when", f"t = {worst['t']:.3f} s, s = {worst['s']:.4f}"),
+        Row("result", f"{'passed' if certificate.passed else 'failed'} ({effort})"),
+        Row("margin at grid points", f"{_left(margin.on_grid)}: {name}"),
+        Row("worst margin", f"{_left(worst.margin)}: {worst.limit}"),
+        Row("  where", f"{worst.place}, {'at a' if worst.on_grid else 'next to a'} grid point"),
+        Row("  when", f"t = {worst.t:.3f} s, s = {worst.s:.4f}"),
     ]
-    parameters = [Row("  with " + row.name, row.value) for row in rows(worst["parameters"]) if row.value]
-    return [*lines, *parameters]
+    return [*lines, *(Row("  with " + row.name, row.value) for row in rows(worst.parameters) if row.value)]
 
 
-def _diagnosis(diagnosis: Mapping[str, Any]) -> list[Row]:
-    conflicts = [Row("cannot hold", " and ".join(names)) for names in diagnosis["conflicts"]]
-    remedies = [Row("would help", sentence) for sentence in diagnosis["sentences"]]
-    return [Row("where", f"{diagnosis['place']}, s = {diagnosis['s']:.4g}"), *conflicts, *remedies]
+def _diagnosis(diagnosis: DiagnosisRecord) -> list[Row]:
+    conflicts = [Row("cannot hold", " and ".join(names)) for names in diagnosis.conflicts]
+    remedies = [Row("would help", remedy.sentence) for remedy in diagnosis.remedies]
+    return [Row("where", f"{diagnosis.place}, s = {diagnosis.s:.4g}"), *conflicts, *remedies]
 
 
 def _lowest(margin: float | None) -> float:
-    """A margin on the grid from a summary, which has none where nothing holds the limit."""
+    """Return a margin as a number: a limit that no contact forces hold has none in a summary."""
     return float("-inf") if margin is None else margin
 
 
@@ -172,13 +176,13 @@ def _cell(value: Any) -> str:
 # In the terminal ------------------------------------------------------------------------------------------
 
 
-def print_summary(data: Mapping[str, Any], console: Console, place: Path) -> None:
-    """Print the summary of a run and where its files are."""
-    console.print(Text(headline(data), style=f"bold {_COLOURS.get(data['status'], 'red')}"))
-    console.print(Text(str(data["message"])))
-    if data.get("learning") and data["learning"]["rows"]:
-        print_whole(iterations_table(data["learning"]["rows"]), console)
-        console.print(Text(legend(data["learning"]["rows"]), style="dim"))
+def print_summary(data: Summary, console: Console, place: Path) -> None:
+    """Print the summary of a run and the folder of its files."""
+    console.print(Text(headline(data), style=f"bold {_COLOURS.get(data.status, 'red')}"))
+    console.print(Text(data.message))
+    if data.learning and data.learning.rows:
+        print_whole(iterations_table(data.learning.rows), console)
+        console.print(Text(legend(data.learning.rows), style="dim"))
     for title, lines in sections(data):
         print_rows(title, lines, console)
     console.print(Text.assemble("Files in ", (str(place), "bold")), soft_wrap=True)
@@ -204,14 +208,14 @@ def print_rows(title: str, lines: Sequence[Row], console: Console) -> None:
     console.print(table)
 
 
-def iterations_table(records: Sequence[Mapping[str, Any]]) -> Table:
-    """The iterations of a learner, a line per plan."""
+def iterations_table(records: Sequence[Iteration]) -> Table:
+    """Return the iterations of a learner as a table, a line per plan."""
     heads, lines = table(records)
     gap = 1 if len(heads) <= MANY_COLUMNS else 0  # on top of the space that any two columns have between them
     shown = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, gap, 0, 0))
     for head in heads:
         long = len(head) > LONGEST_HEAD
-        justify: Any = "left" if head in ("Rslt", "Spdup") else "right"
+        justify: Literal["left", "right"] = "left" if head in ("Rslt", "Spdup") else "right"
         shown.add_column(
             head, justify=justify, no_wrap=not long, overflow="fold", max_width=LONGEST_HEAD if long else None
         )
@@ -224,7 +228,7 @@ def iterations_table(records: Sequence[Mapping[str, Any]]) -> Table:
 # As a page ------------------------------------------------------------------------------------------------
 
 
-def write_figures_and_page(result: PlanResult, data: Mapping[str, Any], folder: Path, figures: bool = True) -> None:
+def write_figures_and_page(result: PlanResult, data: Summary, folder: Path, figures: bool = True) -> None:
     """Draw the figures of a run into its folder and write its page."""
     if figures:
         from robustopt.plotting import write_figures
@@ -234,7 +238,7 @@ def write_figures_and_page(result: PlanResult, data: Mapping[str, Any], folder: 
 
 
 def write_execution_figures(result: ExecutionResult, folder: Path, figures: bool, video: bool) -> None:
-    """Draw and film the first trial that succeeded beside the first that failed, or what there is of them."""
+    """Draw and film the first trial that succeeded beside the first that failed, or the only one there is."""
     if not (figures or video):
         return
     from robustopt.plotting import write_execution_figures as write
@@ -244,45 +248,45 @@ def write_execution_figures(result: ExecutionResult, folder: Path, figures: bool
     ended = [outcome for outcome in executions.outcomes if outcome.error_steps]
     chosen = [next((o for o in ended if o.success is success), None) for success in (True, False)]
     traces = [
-        trace(result.config, result.plan, outcome.trial, executions.seed, executions.speed)
+        trace(result.plan, outcome.trial, result.config, executions.seed, executions.speed)
         for outcome in chosen
         if outcome is not None
     ]
     if traces and video:
         from robustopt.simulation.video import film, write_film
 
-        write_film(film(result.config, result.plan, traces, executions.seed), folder / "figures")
+        write_film(film(result.plan, traces, result.config, executions.seed), folder / "figures")
     if traces and figures:
         write(result.config, traces, result.plan.problem.robot, folder / "figures")
 
 
-def write_learning_figures(data: Mapping[str, Any], planned: PlanResult | None, folder: Path) -> None:
-    """Draw what was learned, and the best plan as `plan` draws it."""
+def write_learning_figures(data: Summary, planned: PlanResult | None, folder: Path) -> None:
+    """Draw the iterations of a learner, and its best plan as `plan` draws it."""
     from robustopt.plotting import write_figures, write_learning_figure
 
-    learning = data["learning"]
-    if learning["rows"]:
-        title = f"{data['name']}: {learning['algorithm']}"
-        write_learning_figure(learning["rows"], learning["target_rate"], title, folder / "figures")
+    learning = data.learning
+    if learning is not None and learning.rows:
+        title = f"{data.name}: {learning.algorithm}"
+        write_learning_figure(learning.rows, learning.target_rate, title, folder / "figures")
     if planned is not None:
         write_figures(planned.plan, planned.config, folder / "figures", planned.certificate)
 
 
-def write_page(data: Mapping[str, Any], folder: Path) -> None:
+def write_page(data: Summary, folder: Path) -> None:
     """Write the summary of a run and the figures in its folder as one page that needs no other file."""
     title = escape(headline(data))
-    iterations = _iterations(data["learning"]["rows"] if data.get("learning") else [])
+    iterations = _iterations(data.learning.rows if data.learning else [])
     tables = iterations + "".join(f"<h2>{escape(name)}</h2>\n{_table(lines)}" for name, lines in sections(data))
     paths = [path for pattern in FIGURES for path in sorted((folder / "figures").glob(pattern))]
     figures = "".join(_figure(path) for path in paths)
     page = (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{title}</title><style>{_STYLE}</style>'
-        f"</head>\n<body><h1>{title}</h1>\n<p>{escape(str(data['message']))}</p>\n{tables}{figures}</body></html>\n"
+        f"</head>\n<body><h1>{title}</h1>\n<p>{escape(data.message)}</p>\n{tables}{figures}</body></html>\n"
     )
     (folder / PAGE).write_text(page, encoding="utf-8")
 
 
-def _iterations(records: Sequence[Mapping[str, Any]]) -> str:
+def _iterations(records: Sequence[Iteration]) -> str:
     if not records:
         return ""
     heads, lines = table(records)

@@ -13,8 +13,8 @@ from robustopt.config.load import dump
 from robustopt.learning.learner import Belief
 from robustopt.learning.moments import Moments
 from robustopt.runs import beliefs
-from robustopt.runs.experiment import PlanResult
 from robustopt.runs.journal import Execution
+from robustopt.runs.plan_run import PlanResult
 
 THRESHOLD = 0.4
 

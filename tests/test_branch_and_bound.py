@@ -15,10 +15,11 @@ from robustopt.errors import ConfigError
 from robustopt.learning.bisection import Bisection
 from robustopt.learning.boundary import cloud
 from robustopt.learning.branch_and_bound import Diagonal, Midpoint
+from robustopt.learning.cost_map import CostMap
 from robustopt.learning.informed import TRUST, Informed, _chance_by_monotony
 from robustopt.learning.learner import End, Executed, Planned, Result
 from robustopt.learning.monotone import Knowledge
-from robustopt.learning.parameters import CostMap, Parameter
+from robustopt.learning.parameters import Parameter
 
 LEARNERS = (Midpoint, Diagonal, Informed)
 every_learner = pytest.mark.parametrize("make", LEARNERS, ids=lambda learner: learner.name)

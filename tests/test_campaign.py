@@ -288,7 +288,7 @@ def test_a_belief_stands_in_place_of_what_the_configuration_says():
 
 
 def test_beliefs_in_words():
-    assert described(Belief()) == "what the configuration says"
+    assert described(Belief()) == "the nominal values"
     belief = Belief(0.5, ErrorInterval((0.0, 0.1), (0.2, 0.3), 2.0), (("objects.block.mass", 0.4),))
     words = "friction 0.5 and acceleration errors up to +-0.6 (K = 2) and objects.block.mass = 0.4"
     assert described(belief) == words

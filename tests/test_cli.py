@@ -12,13 +12,14 @@ import numpy as np
 import pytest
 
 from robustopt import __version__
-from robustopt.certificate import Worst
+from robustopt.certificate import Margin, Worst
 from robustopt.config.load import load_config
 from robustopt.errors import RobustOptError
 from robustopt.interruption import interruptions, on_interrupt
-from robustopt.report import sections
-from robustopt.runs import experiment
-from robustopt.runs.store import read_summary
+from robustopt.report import certificate_rows
+from robustopt.runs import plan_run
+from robustopt.runs.records import CertificateRecord, Summary
+from robustopt.runs.store import read_provenance, read_summary
 
 ROOT = Path(__file__).parents[1]
 WAITER = ROOT / "configs" / "waiter_two_blocks.yaml"
@@ -48,18 +49,17 @@ def test_plan_writes_a_whole_run_folder_and_prints_its_summary(run, tmp_path):
     for name in ("phase_plane", "joints", "contacts", "binding"):
         assert {f"figures/{name}.svg", f"figures/{name}.png"} <= written
     summary = read_summary(folder)
-    assert summary["status"] == "solved"
-    assert summary["certificate"]["passed"] is True
-    assert sum(summary["binding"].values()) == pytest.approx(1.0)
-    assert f"waiter-two-blocks: solved; the motion takes {summary['duration']:.4f} s, planned by ipopt" in out
-    for said in ("What binds", "Certificate", "passed", next(iter(summary["binding"])), folder.name):
+    assert summary.status == "solved"
+    assert summary.certificate.passed is True
+    assert sum(summary.binding.values()) == pytest.approx(1.0)
+    assert f"waiter-two-blocks: solved; the motion takes {summary.duration:.4f} s, planned by ipopt" in out
+    for said in ("Binding limits", "Certificate", "passed", next(iter(summary.binding)), folder.name):
         assert said in out
     stored = load_config(folder / "config.yaml")
     assert (stored.seed, stored.solver.collocation_points, stored.output.period) == (3, 90, 0.01)
-    origin = json.loads((folder / "provenance.json").read_text())
-    assert origin["seed"] == 3
+    assert read_provenance(folder).seed == 3
     last = (folder / "trajectory.csv").read_text().splitlines()[-1]
-    assert float(last.split(",")[0]) == pytest.approx(summary["duration"], abs=1e-12)
+    assert float(last.split(",")[0]) == pytest.approx(summary.duration, abs=1e-12)
     assert (folder / "report.html").read_text().count("data:image/svg+xml") == 3
 
 
@@ -75,7 +75,9 @@ def test_json_is_one_object_with_the_summary(run, tmp_path):
     data = json.loads(out)
     assert (code, err) == (0, "")
     assert (data["status"], data["method"], data["folder"]) == ("solved", "reachability", "here")
-    assert {key: value for key, value in data.items() if key != "folder"} == read_summary(tmp_path / "here")
+    del data["folder"]
+    assert data == json.loads((tmp_path / "here" / "summary.json").read_text())
+    assert Summary.model_validate(data) == read_summary(tmp_path / "here")
 
 
 def test_report_prints_a_stored_run_again(run):
@@ -134,7 +136,7 @@ def test_a_full_disk_under_standard_output_is_said_in_a_line(arguments):
     command = [sys.executable, "-m", "robustopt", "validate", str(WAITER), *arguments]
     with open("/dev/full", "w") as full:
         done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
-    message = "error: what the command prints cannot be written: No space left on device\n"
+    message = "error: the output of the command cannot be written: No space left on device\n"
     assert (done.returncode, done.stderr) == (2, message)
 
 
@@ -251,7 +253,7 @@ def test_a_tray_that_cannot_hold_its_objects_at_rest_is_infeasible_and_says_why(
 
 
 def test_a_plan_that_fails_its_certificate_is_not_reported_as_solved(run, monkeypatch):
-    honest = experiment.solve
+    honest = plan_run.solve
 
     def hasty(problem):
         from dataclasses import replace
@@ -259,7 +261,7 @@ def test_a_plan_that_fails_its_certificate_is_not_reported_as_solved(run, monkey
         plan = honest(problem)
         return replace(plan, x=1.5 * plan.x, u=1.5 * plan.u, duration=plan.duration / 1.5**0.5)
 
-    monkeypatch.setattr(experiment, "solve", hasty)
+    monkeypatch.setattr(plan_run, "solve", hasty)
     code, out, err = run("plan", WAITER, *SMALL, "--out", "here")
     assert (code, err) == (4, "")
     assert "waiter-two-blocks: certificate failed" in out
@@ -271,17 +273,25 @@ def test_a_plan_that_fails_its_certificate_is_not_reported_as_solved(run, monkey
 def test_a_limit_that_no_forces_hold_is_the_smallest_margin():
     """A margin of -inf, null in a summary: it was shown as "none of the limit", and passed over on the grid."""
     worst = Worst("slip of cup on tray", -np.inf, 0.0, 0.0, True, {})
-    margins = {"joint3 position": {"on_grid": 0.17, "between": 0.17}, worst.limit: {"on_grid": None, "between": -0.2}}
-    found = {"limit": worst.limit, "margin": None, "s": 0.0, "t": 0.0, "on_grid": True, "parameters": {}}
-    certificate = {"worst": found | {"place": "at tray_poses[0]"}, "margins": margins, "passed": False}
-    ((_, lines),) = sections({"certificate": certificate | {"level": "quick", "draws": 0, "tests": 9}})
+    margins = {"joint3 position": Margin(0.17, 0.17), worst.limit: Margin(-np.inf, -0.2)}
+    effort = {
+        "level": "quick",
+        "seed": 0,
+        "samples": 0,
+        "tests": 9,
+        "instants": 1,
+        "intervals": 1,
+        "intervals_checked": 1,
+    }
+    found = {"worst": worst, "margins": margins, "passed": False, "margin": -np.inf, "seconds": 0.1, **effort}
+    lines = certificate_rows(CertificateRecord.model_validate(found))
     assert [line.value for line in lines[1:3]] == ["not held by any forces: slip of cup on tray"] * 2
     assert str(worst).startswith("slip of cup on tray: not held by any forces at t = 0.000 s")
 
 
 @pytest.mark.parametrize("out", ["file/run", "/proc/run"])
 def test_a_results_folder_that_cannot_be_written_is_found_before_planning(run, tmp_path, monkeypatch, out):
-    monkeypatch.setattr(experiment, "plan_task", lambda *_: pytest.fail("planned"))
+    monkeypatch.setattr(plan_run, "plan_task", lambda *_: pytest.fail("planned"))
     (tmp_path / "file").write_text("")
     code, printed, err = run("plan", WAITER, "--out", out)
     assert (code, printed) == (2, "")
@@ -326,21 +336,21 @@ def test_an_interruption_has_exit_code_130_and_leaves_nothing(run, tmp_path, mon
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(experiment, "write_run", interrupted)
+    monkeypatch.setattr(plan_run, "write_run", interrupted)
     code, out, err = run("plan", WAITER, *SMALL)
     assert (code, out, err) == (130, "", "error: interrupted; nothing half-written is left\n")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_an_interruption_that_a_library_swallows_still_counts(run, tmp_path, monkeypatch):
-    honest = experiment.solve
+    honest = plan_run.solve
 
     def swallowing(problem):
         with pytest.raises(KeyboardInterrupt):
             on_interrupt(signal.SIGINT, None)
         return honest(problem)
 
-    monkeypatch.setattr(experiment, "solve", swallowing)
+    monkeypatch.setattr(plan_run, "solve", swallowing)
     assert run("plan", WAITER, *SMALL)[0] == 130
     assert list(tmp_path.iterdir()) == []
 
@@ -354,7 +364,7 @@ def test_an_interrupt_that_an_extension_module_turns_into_another_error_is_an_in
             on_interrupt(signal.SIGINT, None)
         raise error
 
-    monkeypatch.setattr(experiment, "solve", interrupted)
+    monkeypatch.setattr(plan_run, "solve", interrupted)
     assert run("plan", WAITER, *SMALL)[0] == 130
     assert list(tmp_path.iterdir()) == []
 

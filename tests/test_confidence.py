@@ -12,13 +12,13 @@ from synthetic_worlds import acceptance_probability
 
 from robustopt.confidence import (
     Reading,
-    bad_luck,
     clopper_pearson,
     confidence_earned,
     log_evidence,
     lower_bound,
     paper_executions,
     phi,
+    probability_of_rate,
     successes_needed,
     upper_bound,
 )
@@ -143,27 +143,29 @@ def test_evidence_grows_in_the_mean_only_for_rates_on_its_side(counts, rate, par
 
 
 @given(COUNTS, st.floats(0.05, 0.95))
-def test_bad_luck_with_an_even_prior_is_the_beta_posterior(counts, rate):
+def test_the_probability_of_a_rate_with_an_even_prior_is_the_beta_posterior(counts, rate):
     s, f = counts
-    assert bad_luck(s, f, rate, prior=1 - rate) == pytest.approx(beta.sf(rate, s + 1, f + 1), rel=1e-6, abs=1e-12)
+    assert probability_of_rate(s, f, rate, prior=1 - rate) == pytest.approx(
+        beta.sf(rate, s + 1, f + 1), rel=1e-6, abs=1e-12
+    )
 
 
-def test_bad_luck_without_executions_is_the_prior():
-    assert bad_luck(0, 0, 0.8, prior=0.3) == pytest.approx(0.3)
+def test_the_probability_of_a_rate_without_executions_is_the_prior():
+    assert probability_of_rate(0, 0, 0.8, prior=0.3) == pytest.approx(0.3)
 
 
 @given(COUNTS, st.floats(0.05, 0.95), st.floats(0.01, 0.99))
-def test_bad_luck_grows_with_successes_and_falls_with_failures(counts, rate, prior):
+def test_the_probability_of_a_rate_grows_with_successes_and_falls_with_failures(counts, rate, prior):
     s, f = counts
-    here = bad_luck(s, f, rate, prior)
+    here = probability_of_rate(s, f, rate, prior)
     assert 0 <= here <= 1
-    assert bad_luck(s + 1, f, rate, prior) >= here - 1e-12
-    assert bad_luck(s, f + 1, rate, prior) <= here + 1e-12
+    assert probability_of_rate(s + 1, f, rate, prior) >= here - 1e-12
+    assert probability_of_rate(s, f + 1, rate, prior) <= here + 1e-12
 
 
-def test_bad_luck_needs_a_prior():
+def test_the_probability_of_a_rate_needs_a_prior():
     with pytest.raises(RobustOptError, match="prior 1"):
-        bad_luck(1, 1, 0.5, prior=1.0)
+        probability_of_rate(1, 1, 0.5, prior=1.0)
 
 
 # The sequential test --------------------------------------------------------------------------------------
@@ -208,8 +210,8 @@ def test_the_test_gives_up_when_it_cannot_accept_any_more(s, f):
 
 def test_evidence_of_what_is_impossible_is_none():
     assert log_evidence(0, 5000, 0.99, above=True) == -inf
-    assert bad_luck(0, 5000, 0.99) == 0
-    assert bad_luck(5000, 0, 0.01) == 1
+    assert probability_of_rate(0, 5000, 0.99) == 0
+    assert probability_of_rate(5000, 0, 0.01) == 1
     assert np.isfinite(log_evidence(100_000, 10, 0.99, above=True))
 
 

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 from scenes import FIXTURES, FLAT, scene
 
-from robustopt import cli, commands
+from robustopt import cli
+from robustopt.cli import commands
 from robustopt.config.load import dump
 from robustopt.runs.store import read_summary
 from robustopt.simulation import monte_carlo
@@ -82,7 +83,7 @@ def test_workers_and_a_cluster_that_loses_one_change_no_byte(cluster, tmp_path, 
     assert workers[1].poll() is None
     assert one.count(b"\n") == 151
     assert one == two == on_cluster
-    feedback = [read_summary(tmp_path / name)["executions"]["feedback"] for name in ("one", "two", "cluster")]
+    feedback = [read_summary(tmp_path / name).executions.feedback for name in ("one", "two", "cluster")]
     assert feedback[0] == feedback[1] == feedback[2]
 
 

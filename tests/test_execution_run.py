@@ -18,8 +18,8 @@ from robustopt import cli
 from robustopt.config.load import load_config
 from robustopt.robot.model_file import resolve_package
 from robustopt.runs import execution_run
-from robustopt.runs.execution_run import read_plan
 from robustopt.runs.store import read_summary
+from robustopt.runs.stored_plan import read_plan
 from robustopt.simulation import execute
 from robustopt.simulation.video import HEIGHT, STRIP, WIDTH, write_film
 from robustopt.solvers import solve
@@ -50,25 +50,25 @@ def test_a_task_is_planned_and_executed_into_a_whole_run_folder(run, tmp_path):
     assert [int(row["trial"]) for row in rows] == list(range(12))
     successes = sum(row["status"] == "success" for row in rows)
     assert 0 < successes < 12
-    assert summary["success_rate"] == successes / 12
-    low, high = summary["success_interval"]
-    assert 0 < low < summary["success_rate"] < high < 1
-    told = summary["executions"]
-    assert (told["trials"], told["requested"], told["successes"]) == (12, 12, successes)
-    assert (told["seed"], told["speed"], told["confidence"]) == (3, 1.02, 0.95)
-    assert told["duration"] == pytest.approx(summary["duration"] / 1.02)
-    assert told["statuses"]["slid"] == 12 - successes
-    assert len(told["feedback"]["deviation"]) == 6
+    assert summary.success_rate == successes / 12
+    low, high = summary.success_interval
+    assert 0 < low < summary.success_rate < high < 1
+    told = summary.executions
+    assert (told.trials, told.requested, told.successes) == (12, 12, successes)
+    assert (told.seed, told.speed, told.confidence) == (3, 1.02, 0.95)
+    assert told.duration == pytest.approx(summary.duration / 1.02)
+    assert told.statuses["slid"] == 12 - successes
+    assert len(told.feedback.deviation) == 6
     assert f"{successes} of 12 trials succeeded" in out
     assert "slid" in out
     assert "Executions" in (tmp_path / "here" / "report.html").read_text()
-    assert summary["certificate"]["passed"] is True
+    assert summary.certificate.passed is True
     assert {"plan.csv", "config.yaml", "provenance.json"} <= {path.name for path in (tmp_path / "here").iterdir()}
     frictions = [float(row["friction_block"]) for row in rows]
     slid = [friction for friction, row in zip(frictions, rows, strict=True) if row["status"] == "slid"]
     assert max(slid) < max(frictions)
     failed = next(row for row in rows if row["status"] == "slid")
-    assert 0 < float(failed["t"]) < told["duration"]
+    assert 0 < float(failed["t"]) < told.duration
     assert 0 < float(failed["s"]) < 1
     assert float(failed["slip_block"]) > 0.005
 
@@ -154,7 +154,7 @@ def test_without_an_ffmpeg_that_works_a_film_is_an_animated_webp(tmp_path, monke
 def test_the_file_has_the_outcomes_number_for_number(run, tmp_path):
     assert run("execute", WAITER, *QUICK, *TRUTH, "--trials", 3, "--out", "here", "--quiet")[0] == 0
     config = load_config(tmp_path / "here" / "config.yaml")
-    executions = execute(config, read_plan(config, tmp_path / "here" / "plan.csv"))
+    executions = execute(read_plan(config, tmp_path / "here" / "plan.csv"), config)
     for row, outcome in zip(table(tmp_path / "here" / "executions.csv"), executions.outcomes, strict=True):
         assert float(row["slip_block"]) == outcome.objects["block"].slip
         assert float(row["tracking_error"]) == outcome.tracking_error
@@ -173,7 +173,7 @@ def test_every_shipped_configuration_executes(run, tmp_path, file):
     small = ("solver.method=reachability", "--no-figures")
     code, _, err = run("execute", file, *small, "--trials", 2, "--speed", 0.9, "--out", "here", "--quiet")
     assert (code, err) == (0, "")
-    assert read_summary(tmp_path / "here")["executions"]["statuses"] == {"success": 2}
+    assert read_summary(tmp_path / "here").executions.statuses == {"success": 2}
 
 
 def test_an_infeasible_task_is_not_executed(run, tmp_path):
@@ -209,8 +209,8 @@ def test_a_stored_plan_and_its_task_have_the_same_executions(run, tmp_path, stor
     for name in ("executions.csv", "plan.csv"):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
     first, second = (read_summary(tmp_path / name) for name in "ab")
-    assert first["executions"] == second["executions"]
-    assert first["plan_of"] == str(stored)
+    assert first.executions == second.executions
+    assert first.plan_of == str(stored)
 
 
 def test_more_workers_and_a_run_of_a_run_change_no_byte(run, tmp_path, stored, monkeypatch):
@@ -246,7 +246,7 @@ def test_a_run_that_was_edited_is_refused(run, tmp_path, stored):
     config.write_text(config.read_text().replace("mass: 0.5", "mass: 0.6"))
     code, _, err = run("execute", "config")
     assert code == 2
-    assert "config.yaml: was edited after the run; its plan is of another task" in err
+    assert "config: config.yaml has changed since the run was begun" in err
     plan = copy("numbers") / "plan.csv"
     lines = plan.read_text().splitlines()
     lines[5] = ",".join(["nan", *lines[5].split(",")[1:]])
@@ -314,9 +314,9 @@ def test_where_every_simulation_diverges_the_exit_code_is_5(run, tmp_path, store
     assert "Of the others: 3 simulation diverged." in " ".join(out.split())
     assert "waiter-one-block: simulation failed; the motion takes" in out
     summary, rows = read_summary(tmp_path / "d"), table(tmp_path / "d" / "executions.csv")
-    assert (summary["status"], summary["success_rate"]) == ("simulation failed", 0.0)
-    assert summary["executions"]["statuses"] == {"simulation diverged": 3}
-    assert summary["executions"]["feedback"] is summary["executions"]["first_failure"] is None
+    assert (summary.status, summary.success_rate) == ("simulation failed", 0.0)
+    assert summary.executions.statuses == {"simulation diverged": 3}
+    assert summary.executions.feedback is summary.executions.first_failure is None
     assert {(row["status"], row["t"], row["slip_block"]) for row in rows} == {("simulation diverged", "", "")}
     assert {path.name for path in tmp_path.iterdir()} == {"d"}
     assert run("execute", stored, force, "--trials", 3, "--out", "q", "--quiet")[0] == 5
@@ -336,7 +336,8 @@ def test_a_full_disk_leaves_nothing(run, tmp_path, stored, monkeypatch):
 SAYS_WHAT_IS_DONE = """
 import sys
 from contextlib import contextmanager
-from robustopt import cli, commands
+from robustopt import cli
+from robustopt.cli import commands
 
 @contextmanager
 def told(silent):
@@ -369,8 +370,8 @@ def test_ctrl_c_keeps_what_was_done(tmp_path, stored, workers):
     assert process.returncode == 130, err
     assert "Traceback" not in out + err
     summary, rows = read_summary(tmp_path / "kept"), table(tmp_path / "kept" / "executions.csv")
-    assert summary["status"] == "interrupted"
-    assert len(rows) == summary["executions"]["trials"]
+    assert summary.status == "interrupted"
+    assert len(rows) == summary.executions.trials
     assert 0 < len(rows) < 100000
     assert len(rows) % 25 == 0
     assert f"Interrupted after {len(rows):,} of 100,000 trials." in " ".join(out.split())
@@ -385,7 +386,7 @@ def test_ctrl_c_keeps_what_was_done(tmp_path, stored, workers):
         "--no-figures",
     ]
     assert cli.run(again) == 0
-    assert read_summary(tmp_path / "again")["status"] == "solved"
+    assert read_summary(tmp_path / "again").status == "solved"
 
 
 def test_help_names_the_command(run):

@@ -1,4 +1,4 @@
-"""The files of docs/extending.md run as they stand, outside of the package."""
+"""The files of docs/extending.md, run from outside of the package as a user would."""
 
 import re
 import subprocess
@@ -6,25 +6,45 @@ import sys
 from pathlib import Path
 
 import pytest
+from learning_tasks import THRESHOLD, task
 
 import robustopt as ro
+from robustopt.config.load import dump
 from robustopt.tasks import PAPER_TASK
 
 PAGE = Path(__file__).parent.parent / "docs" / "extending.md"
-LINES = 40
 
-SECTIONS = dict(re.findall(r"^## (.+?)\n.*?```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.S | re.M))
-
-
-def run(section, folder):
-    file = folder / "extension.py"
-    file.write_text(SECTIONS[section], encoding="utf-8")
-    return subprocess.run([sys.executable, str(file)], cwd=folder, capture_output=True, text=True, check=True).stdout
+LONGEST = 40
+"""Lines of a complete extension."""
 
 
-@pytest.mark.parametrize("section", SECTIONS)
-def test_each_file_is_short(section):
-    assert len(SECTIONS[section].splitlines()) <= LINES
+def extensions() -> dict[str, str]:
+    """Return the first Python block of every section by its heading."""
+    sections = re.split(r"^## ", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]
+    blocks = {text.split("\n", 1)[0]: re.search(r"^```python\n(.*?)^```", text, re.S | re.M) for text in sections}
+    return {heading: block[1] for heading, block in blocks.items() if block is not None}
+
+
+def run(heading: str, folder: Path, *arguments: str) -> str:
+    """Run the file of a section in a folder; return its output."""
+    (folder / "extension.py").write_text(extensions()[heading], encoding="utf-8")
+    command = [sys.executable, "extension.py", *arguments]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=300)
+    assert (done.returncode, done.stderr) == (0, "")
+    return done.stdout
+
+
+@pytest.mark.parametrize("heading", extensions())
+def test_an_extension_is_short(heading):
+    assert len(extensions()[heading].splitlines()) <= LONGEST
+
+
+def test_a_learner_of_a_user_runs(tmp_path):
+    (tmp_path / "task.yaml").write_text(dump(task()), encoding="utf-8")
+    output = run("Add a learner", tmp_path, "task.yaml", "learning.trials=0", "execution.disturbance={}")
+    rows = [line.split() for line in output.splitlines()]
+    assert [result for _, result in rows] == ["success"] * (len(rows) - 1) + ["failure"]
+    assert float(rows[-2][0]) < 0.95 * THRESHOLD < float(rows[-1][0])  # creep ends the last percents of friction
 
 
 def test_a_limit_of_a_user_bounds_the_plan(tmp_path):

@@ -7,21 +7,13 @@ from scenes import BOX, FLAT, G, plan_of, scene, waiter
 from scipy.signal import butter, filtfilt
 
 from robustopt.config import Config, ExecutionConfig
+from robustopt.config.load import with_values
 from robustopt.simulation import execute
-from robustopt.simulation.controller import (
-    POSITION_VELOCITY,
-    Gains,
-    Reference,
-    computed_torque,
-    controls,
-    gains_of,
-    reference,
-)
+from robustopt.simulation.controller import POSITION_VELOCITY, Gains, Reference, controls
+from robustopt.simulation.execute import prepare
 from robustopt.simulation.monte_carlo import Job, simulate_trials
-from robustopt.simulation.outcome import object_motion
-from robustopt.simulation.scene import SceneBuilder
 from robustopt.simulation.simulation import Workspace
-from robustopt.simulation.truth import believed_world
+from robustopt.simulation.world import World
 from robustopt.solvers import Plan
 from robustopt.solvers.trajectory import Trajectory
 
@@ -41,15 +33,16 @@ def tilted(slope: float) -> list[float]:
 
 def standing(body: dict, mu: float, slope: float, heading: float, seconds: float = 1.0, execution: dict | None = None):
     """Movement of an object, turned by `heading`, on a tray that stands still and tilted, after 0.5 s to settle."""
-    config = scene(objects={"body": body | {"yaw": heading}}, contact={"friction": mu}, gravity=tilted(slope))
+    config = scene(
+        objects={"body": body | {"yaw": heading}}, contact={"friction": mu}, gravity=tilted(slope),
+        execution=execution or {},
+    )  # fmt: skip
     steps = round(seconds / 0.001)
     still = np.zeros((steps, 1))
     planned = Reference(np.arange(steps) * 0.001, np.zeros(steps), still, still, still, np.ones(steps, dtype=bool))
-    prepared, record = simulate_trials(
-        Job(config, ExecutionConfig.model_validate(execution or {}), STIFF, planned, 0), [0], 1, Workspace()
-    )
+    prepared, record = simulate_trials(Job(config, STIFF, planned, 0), [0], 1, Workspace())
     assert not record.diverged[0]
-    return object_motion(prepared.layout.interfaces[0], record.sensors[0])
+    return prepared.layout.interfaces[0].motion(planned, record, 0)
 
 
 # Coulomb's law --------------------------------------------------------------------------------------------
@@ -96,10 +89,10 @@ def test_a_block_tips_within_half_a_percent_of_its_balance(heading):
 def leant(objects: dict, name: str, slope: float) -> float:
     """Largest tilt [rad] of an object against the world, on a tray that is tilted slowly, in 2 s, and then for 2 s."""
     config = scene(objects=objects, contact={"friction": 3.0})
-    builder = SceneBuilder(config, STIFF, 0.001)
-    model = builder.model(believed_world(config))
-    layout, data = builder.layout(model), mujoco.MjData(model)
-    data.qpos[:] = builder.start(layout, np.zeros(1), model.nq)
+    world = World(config, STIFF, 0.001)
+    model = world.model(world.nominal)
+    layout, data = world.layout(model), mujoco.MjData(model)
+    data.qpos[:] = world.start(layout, np.zeros(1), model.nq)
     upright = 1.0
     for i in range(4000):
         model.opt.gravity[:] = tilted(slope * min(1.0, i / 2000))
@@ -146,10 +139,10 @@ def test_a_true_centre_of_mass_moves_the_balance():
 
 
 def test_an_object_in_the_air_falls_freely():
-    builder = SceneBuilder(scene(objects={"body": FLAT}), STIFF, 0.001)
-    model = builder.model(believed_world(scene(objects={"body": FLAT})))
-    layout, data = builder.layout(model), mujoco.MjData(model)
-    data.qpos[:] = builder.start(layout, np.zeros(1), model.nq)
+    world = World(scene(objects={"body": FLAT}), STIFF, 0.001)
+    model = world.model(world.nominal)
+    layout, data = world.layout(model), mujoco.MjData(model)
+    data.qpos[:] = world.start(layout, np.zeros(1), model.nq)
     height = layout.objects["body"] + 2
     data.qpos[height] += 2.0
     data.qvel[layout.dofs[0] + 4 : layout.dofs[0] + 7] = [0.3, 0.2, 0.1]
@@ -168,8 +161,8 @@ def test_a_double_pendulum_keeps_its_energy():
             "all": {"torque": 20, "dry_friction": 0, "viscous_friction": 0}}},
     )  # fmt: skip
     none = np.zeros(2)
-    builder = SceneBuilder(config, Gains(none, none, none, POSITION_VELOCITY), 0.001)
-    model = builder.model(believed_world(config))
+    world = World(config, Gains(none, none, none, POSITION_VELOCITY), 0.001)
+    model = world.model(world.nominal)
     model.body_gravcomp[:] = 0
     model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
     data = mujoco.MjData(model)
@@ -189,7 +182,7 @@ def test_a_double_pendulum_keeps_its_energy():
 
 def test_on_a_slow_arc_a_block_drifts_less_than_six_tenths_of_a_millimetre():
     plan = plan_of(waiter("one_block", "uncertainty={}", "contact.friction=0.5"), "reachability")
-    outcome = execute(plan.problem.config, plan, trials=1, speed=0.7).outcomes[0]
+    outcome = execute(plan, trials=1, speed=0.7).outcomes[0]
     assert outcome.success
     assert outcome.objects["block"].slip < 6e-4
 
@@ -203,16 +196,13 @@ def contact_wrenches(config: Config, plan: Plan, speed: float, feedforward: str)
 
     (N, 6) by object, tray frame, moments about the points of the plan's contact systems.
     """
-    execution = ExecutionConfig.model_validate({"controller": {"feedforward": feedforward}})
-    trajectory = Trajectory.from_plan(plan, speed)
-    planned = reference(trajectory, execution.timestep, execution.hold)
-    gains = gains_of(config.model_copy(update={"execution": execution}), plan.problem.robot, planned.q[:1])
-    builder = SceneBuilder(config, gains, execution.timestep)
-    model = builder.model(believed_world(config))
-    layout, data = builder.layout(model), mujoco.MjData(model)
-    torque = computed_torque(builder.rigid(), planned) if feedforward == "computed_torque" else None
-    inputs = controls(model, layout, planned, torque)
-    data.qpos[:] = builder.start(layout, planned.q[0], model.nq)
+    config = with_values(config, {"execution.controller.feedforward": feedforward})
+    trajectory, job = Trajectory.from_plan(plan, speed), prepare(plan, config, speed=speed)
+    world, planned = job.world, job.planned
+    model = world.model(world.nominal)
+    layout, data = world.layout(model), mujoco.MjData(model)
+    inputs = controls(model, layout, planned, world.driven)
+    data.qpos[:] = world.start(layout, planned.q[0], model.nq)
     data.ctrl[:] = inputs[0]
     for _ in range(500):
         mujoco.mj_step(model, data)

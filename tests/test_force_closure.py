@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from robustopt.certificate.contact_points import Contacts, Face, even_pressure, simply_held, single_block
-from robustopt.certificate.force_closure import GAP, ROUGH_GAP, Gauge, gauge, gauge_from_rest
+from robustopt.certificate.contact_points import (
+    Contacts,
+    Face,
+    even_pressure,
+    inner_direction,
+    simply_held,
+    single_block,
+)
+from robustopt.certificate.force_closure import GAP, ROUGH_GAP, Gauge, gauge, seen_from
 
 SQUARE = np.array([[1.0, 1.0, 0.0], [-1.0, 1.0, 0.0], [-1.0, -1.0, 0.0], [1.0, -1.0, 0.0]])
 PENTAGON = np.array([[np.cos(a), np.sin(a), 0.0] for a in 2 * np.pi * np.arange(5) / 5])
@@ -18,23 +27,33 @@ WEIGHT = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 EDGES = 256
 
 
+def gauge_from_rest(contacts: Contacts, rest: np.ndarray, move: np.ndarray) -> Gauge:
+    """The gauge, seen from an even pressure where the contacts cannot hold `rest`."""
+    even = even_pressure(contacts, rest.shape[1])
+    held = gauge(contacts, even, rest - even).value <= 1.0 + GAP
+    return gauge(contacts, *seen_from(contacts, held, rest, move))
+
+
 def solved(contacts: Contacts, rest: np.ndarray, move: np.ndarray) -> float:
     return float(gauge_from_rest(contacts, rest[:, None], move[:, None]).value[0])
 
 
 def generators(contacts: Contacts, edges: int = EDGES) -> np.ndarray:
-    """Wrenches of the edges of an inner approximation of every friction cone, (6 K, n edges)."""
+    """Rows of the edges of an inner approximation of every friction cone, (rows, n edges)."""
     angle = 2 * np.pi * np.arange(edges) / edges
     columns = []
     for face in contacts.faces:
         for i in range(face.first, face.last):
             point, mu = contacts.point[:, i, 0], contacts.mu[i, 0]
             force = np.stack([mu * np.cos(angle), mu * np.sin(angle), np.ones(edges)])
+            force = force if face.axes is None else face.axes @ force
             wrench = np.concatenate([force, np.cross(point, force, axisb=0, axisc=0)])
-            column = np.zeros((6 * contacts.blocks, edges))
+            column = np.zeros((contacts.rows, edges))
             column[6 * face.above : 6 * face.above + 6] = wrench
             if face.below >= 0:
                 column[6 * face.below : 6 * face.below + 6] = -wrench
+            for row in contacts.extra(face):
+                column[row] = 1.0
             columns.append(column)
     return np.concatenate(columns, axis=1)
 
@@ -53,7 +72,7 @@ def bridge(mu: float = 0.5) -> Contacts:
     left, right = 0.5 * SQUARE - x, 0.5 * SQUARE + x
     points = np.concatenate([left, right, left + z, right + z])
     faces = (Face(0, 4, 0, -1), Face(4, 8, 1, -1), Face(8, 12, 2, 0), Face(12, 16, 2, 1))
-    return Contacts(faces, points.T[:, :, None].copy(), np.full((16, 1), mu))
+    return Contacts(faces, points.T[:, :, None].copy(), np.full((16, 1), mu), inner_direction(faces, [mu] * 4))
 
 
 # Closed forms ---------------------------------------------------------------------------------------------
@@ -112,6 +131,55 @@ def test_a_bridge_whose_parts_slide_together() -> None:
     move[3::6] = -heights * move[1::6]
     move[5::6] = np.array([-3.0, 3.0, 0.0]) * move[1::6]
     assert solved(bridge(0.5), rest, move) == pytest.approx(0.6, abs=1e-7)
+
+
+def pads(mu: float = 0.5, half: float = 1.0, tall: float = 0.5) -> Contacts:
+    """A block between two square pads that close along x: the driven finger presses towards -x."""
+    flat = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]]) * tall
+    faces, points = [], []
+    for k, side in enumerate((1.0, -1.0)):
+        axes = np.column_stack([[0.0, 0.0, 1.0], np.cross([-side, 0.0, 0.0], [0.0, 0.0, 1.0]), [-side, 0.0, 0.0]])
+        points.append(np.array([side * half, 0.0, 0.0]) + flat @ axes[:, :2].T)
+        faces.append(Face(4 * k, 4 * k + 4, 0, -1, axes, 0 if k == 0 else -1))
+    point = np.concatenate(points).T[:, :, None].copy()
+    return Contacts(tuple(faces), point, np.full((8, 1), mu), inner_direction(faces, [mu, mu]))
+
+
+def gripped(force: float, move: Sequence[float], weight: float = 1.0, mu: float = 0.5) -> float:
+    """The gauge of a block of a weight between pads with a closing force, for the wrench that the motion adds."""
+    rest = np.array([0.0, 0.0, weight, 0.0, 0.0, 0.0, force])
+    return solved(pads(mu), rest, np.array([*move, 0.0]))
+
+
+@pytest.mark.parametrize("mu", [0.3, 0.8])
+def test_a_grip_lifts_with_the_friction_of_both_pads(mu: float) -> None:
+    at_limit = 2.0 * mu * 4.0 - 1.0
+    assert gripped(4.0, [0.0, 0.0, 0.999 * at_limit, 0.0, 0.0, 0.0], mu=mu) < 1.0
+    assert gripped(4.0, [0.0, 0.0, at_limit, 0.0, 0.0, 0.0], mu=mu) == pytest.approx(1.0, abs=1e-7)
+    assert gripped(4.0, [0.0, 0.0, 1.001 * at_limit, 0.0, 0.0, 0.0], mu=mu) > 1.0
+
+
+def test_a_grip_holds_a_level_acceleration_across_its_axis() -> None:
+    at_limit = np.sqrt((2 * 0.5 * 4.0) ** 2 - 1.0)
+    assert gripped(4.0, [0.0, at_limit, 0.0, 0.0, 0.0, 0.0]) == pytest.approx(1.0, abs=1e-7)
+
+
+def test_a_grip_opens_away_from_the_driven_finger_only() -> None:
+    """Towards the other finger the driven one has its closing force alone; towards itself the rigid one pushes."""
+    assert gripped(4.0, [3.0, 0.0, 0.0, 0.0, 0.0, 0.0], weight=0.0) < 1.0
+    assert gripped(4.0, [4.0, 0.0, 0.0, 0.0, 0.0, 0.0], weight=0.0) == pytest.approx(0.0, abs=1e-7)
+    assert gripped(4.0, [-4.0, 0.0, 0.0, 0.0, 0.0, 0.0], weight=0.0) == pytest.approx(1.0, abs=1e-7)
+
+
+def test_random_grips_against_a_linear_program() -> None:
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        contacts = pads(rng.uniform(0.2, 0.9), rng.uniform(0.5, 2.0))
+        rest = np.array([*rng.uniform(-0.2, 0.2, 3), 0.0, 0.0, 0.0, 1.0])
+        move = np.array([*rng.normal(size=6) * 0.3, 0.0])
+        exact, outer = solved(contacts, rest, move), by_linear_program(contacts, rest, move)
+        assert exact <= outer + 2e-8 * (1 + outer)
+        assert outer <= exact * (1 + LOOSE) + LOOSE
 
 
 # Oracle ---------------------------------------------------------------------------------------------------

@@ -1,12 +1,12 @@
 """What an interruption must not leave half done, and where it must be heard at once."""
 
+import multiprocessing.resource_tracker
 import os
 import signal
 import subprocess
 import sys
 import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -106,11 +106,25 @@ def test_no_handler_is_left_behind_whenever_an_interruption_comes(step, monkeypa
 @pytest.mark.parametrize("number", interruption.STOPS)
 def test_an_interruption_while_a_command_ends_leaves_no_traceback(number):
     code = (
-        "import signal, sys; from robustopt import cli; sys.argv = ['robustopt', '--version']; "
-        f"cli.end_processes = lambda: signal.raise_signal({int(number)}); cli.main()"
+        "import signal, sys; from robustopt.cli import app; sys.argv = ['robustopt', '--version']; "
+        f"app.end_processes = lambda: signal.raise_signal({int(number)}); app.main()"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (-number, "")
+
+
+def test_a_command_calls_the_exit_functions_of_libraries_and_then_ends_at_once():
+    """A library may have a temporary folder to remove; none may complain of modules that are gone."""
+    code = (
+        "import atexit, sys; from robustopt.cli import app\n"
+        "class Late:\n"
+        "    def __del__(self): print('late')\n"
+        "def run(arguments):\n"
+        "    atexit.register(print, 'removed'); sys.late = Late(); return 3\n"
+        "app.run = run; app.main()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (3, "removed\n", "")
 
 
 @pytest.mark.parametrize(("error", "told"), [(KeyboardInterrupt(), False), (ValueError("lost"), True)])
@@ -155,22 +169,11 @@ def test_workers_do_not_hear_the_interruption_of_a_terminal():
             os.kill(pid, 0)
 
 
-class Threads(ThreadPoolExecutor):
-    """Stands for loky's processes."""
-
-    def __init__(self, workers, **_):
-        super().__init__(workers)
-
-    def shutdown(self, wait, kill_workers):
-        super().shutdown(wait)
-
-
-def test_where_signals_cannot_be_blocked_no_tracker_of_posix_is_begun(monkeypatch):
-    """As on Windows, which has none."""
+def test_workers_serve_where_signals_cannot_be_blocked(monkeypatch):
+    """As on Windows, which has no process that tracks resources of POSIX either."""
     end_processes()
     monkeypatch.delattr(signal, "pthread_sigmask")
-    monkeypatch.setattr(processes.resource_tracker, "ensure_running", lambda: pytest.fail("begun"))
-    monkeypatch.setattr("loky.ProcessPoolExecutor", Threads)
+    monkeypatch.setattr(multiprocessing.resource_tracker, "ensure_running", lambda: pytest.fail("begun"))
     assert list(in_processes(abs, [(-1,), (2,)], 2, SimulationFailed)) == [1, 2]
     end_processes()
 

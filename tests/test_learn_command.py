@@ -17,12 +17,14 @@ import pytest
 from learning_tasks import remember_plans, task
 from rich.console import Console
 
-from robustopt import report, terminal
+from robustopt import report
+from robustopt.cli import terminal
 from robustopt.config.load import dump, load_config
 from robustopt.errors import RunFolderError, SolverFailed
 from robustopt.interruption import interruptions, on_interrupt
-from robustopt.runs import beliefs, executors, learning_run, learning_table
+from robustopt.runs import beliefs, executors, learning_run, learning_table, origin
 from robustopt.runs.journal import Journal
+from robustopt.runs.records import Iteration
 from robustopt.runs.store import JOURNAL, read_summary
 from robustopt.simulation import Status
 
@@ -70,14 +72,14 @@ def test_a_task_is_learned_into_a_whole_run_folder(run, tmp_path):
     assert (code, err) == (0, "")
     folder = tmp_path / "here"
     summary, rows = read_summary(folder), table(folder / "iterations.csv")
-    assert summary["kind"] == "learning"
-    assert summary["status"] == "learned"
+    assert summary.kind == "learning"
+    assert summary.status == "learned"
     assert [row["friction"] for row in rows[:2]] == ["1.0", "0.5"]
-    assert summary["learning"]["plans"] == len(rows)
-    assert summary["duration"] == min(float(row["duration"]) for row in rows if row["result"] == "success")
-    assert float(table(folder / "plan.csv")[-1]["t"]) == pytest.approx(summary["duration"])
+    assert summary.learning.plans == len(rows)
+    assert summary.duration == min(float(row["duration"]) for row in rows if row["result"] == "success")
+    assert float(table(folder / "plan.csv")[-1]["t"]) == pytest.approx(summary.duration)
     told = table(folder / "executions.csv")
-    assert [int(row["execution"]) for row in told] == list(range(summary["learning"]["executions"]))
+    assert [int(row["execution"]) for row in told] == list(range(summary.learning.executions))
     assert (told[0]["status"], told[0]["what"]) == ("slid", "block")
     assert 0 < float(told[0]["t"]) < float(rows[0]["duration"])
     assert rows[0]["fresh_trials"] == "5"
@@ -134,7 +136,7 @@ def test_the_same_seed_gives_the_same_files(run, tmp_path):
         assert run(*LEARN, "--out", name, "-q")[0] == 0
     assert same(tmp_path / "a", tmp_path / "b")
     assert run(*LEARN, "--seed", 1, "--out", "c", "-q")[0] == 0
-    first = [read_summary(tmp_path / name)["learning"]["rows"][0]["error_mean"] for name in "abc"]
+    first = [read_summary(tmp_path / name).learning.rows[0].error_mean for name in "abc"]
     assert first[0] == first[1] != first[2]
 
 
@@ -143,7 +145,7 @@ def test_nothing_succeeds(run, tmp_path):
     assert code == 3
     assert err.startswith("test: no success: No plan ")
     assert not (tmp_path / "a" / "plan.csv").exists()
-    assert read_summary(tmp_path / "a")["duration"] is None
+    assert read_summary(tmp_path / "a").duration is None
     code, _, err = run("execute", "a", "-q")
     assert code == 2
     assert "the run has no plan (no success)" in err
@@ -159,7 +161,7 @@ def test_every_simulation_diverged(run, tmp_path, monkeypatch):
 
     monkeypatch.setattr(executors, "execute", diverging)
     assert run(*LEARN, "--out", "a", "-q")[0] == 5
-    assert read_summary(tmp_path / "a")["status"] == "simulation failed"
+    assert read_summary(tmp_path / "a").status == "simulation failed"
     assert run("learn", "--resume", "--out", "a", "-q")[0] == 5
 
 
@@ -175,7 +177,7 @@ def test_a_learned_run_is_reported_and_its_plan_executed(run, tmp_path):
     code, out, _ = run("execute", "a", "--trials", 5, "--out", "b", "--no-figures", "--json")
     assert code == 0
     executed = json.loads(out)
-    assert executed["duration"] == read_summary(tmp_path / "a")["duration"]
+    assert executed["duration"] == read_summary(tmp_path / "a").duration
     assert executed["success_rate"] == 1.0
 
 
@@ -183,10 +185,10 @@ def test_a_plan_that_a_learner_made_on_a_finer_grid_is_executed(run, tmp_path, m
     monkeypatch.setattr(beliefs, "FINER_GRIDS", (2,))
     own = "solver.collocation_points=15"  # a configuration of no other test, whose plans are remembered
     assert run(*LEARN, own, "--out", "a", "-q")[0] == 0
-    assert read_summary(tmp_path / "a")["size"]["collocation_points"] == 30
+    assert read_summary(tmp_path / "a").size.collocation_points == 30
     code, out, err = run("execute", "a", "--trials", 2, "--out", "b", "--no-figures", "--json")
     assert (code, err) == (0, "")
-    assert json.loads(out)["duration"] == read_summary(tmp_path / "a")["duration"]
+    assert json.loads(out)["duration"] == read_summary(tmp_path / "a").duration
     assert run("execute", "b", "--trials", 2, "--out", "c", "--no-figures", "-q")[0] == 0
 
 
@@ -267,14 +269,14 @@ def test_an_interruption_that_something_swallows_ends_learning_soon(run, tmp_pat
     finally:
         interruptions.clear()
     assert (code, calls) == (130, 1)
-    assert "what was learned is kept" in err
+    assert "all executions so far are kept" in err
 
 
 def test_an_interrupted_run_says_how_to_go_on_and_ends_the_same(run, tmp_path, interrupted):
     assert run(*LEARN, "--out", "whole", "-q")[0] == 0
     code, out, err = interrupted("parts")
     assert (code, out) == (130, "")
-    assert err == "error: interrupted; what was learned is kept: robustopt learn --resume --out parts\n"
+    assert err == "error: interrupted; all executions so far are kept: robustopt learn --resume --out parts\n"
     assert not (tmp_path / "parts" / "summary.json").exists()
     for command in ("report", "execute"):
         code, _, err = run(command, "parts")
@@ -351,18 +353,18 @@ def test_keys_without_a_file_are_those_of_the_run_that_is_resumed(run, interrupt
 
 def test_files_that_were_changed_are_refused(run, tmp_path, interrupted):
     interrupted("a")
-    config, origin = tmp_path / "a" / "config.yaml", tmp_path / "a" / "provenance.json"
-    text, known = config.read_text(), origin.read_text()
+    config, provenance = tmp_path / "a" / "config.yaml", tmp_path / "a" / "provenance.json"
+    text, known = config.read_text(), provenance.read_text()
     config.write_text(text + "\n")
-    assert "was edited after the run began" in run("learn", "--resume", "--out", "a")[2]
+    assert "a: config.yaml has changed since the run was begun" in run("learn", "--resume", "--out", "a")[2]
     config.write_text(text)
-    origin.write_text(known.replace(json.loads(known)["robot_model"]["sha256"], "0" * 64))
-    assert "has changed since the run began" in run("learn", "--resume", "--out", "a")[2]
-    origin.write_text("{}")
-    assert "a: provenance.json or config.yaml cannot be read" in run("learn", "--resume", "--out", "a")[2]
-    origin.write_text(known)
+    provenance.write_text(known.replace(json.loads(known)["robot_model"]["sha256"], "0" * 64))
+    assert "or one that it names, has changed since the run was begun" in run("learn", "--resume", "--out", "a")[2]
+    provenance.write_text("{}")
+    assert "a/provenance.json: cannot be read: it has been changed" in run("learn", "--resume", "--out", "a")[2]
+    provenance.write_text(known)
     config.unlink()
-    assert "a: provenance.json or config.yaml cannot be read" in run("learn", "--resume", "--out", "a")[2]
+    assert "a/config.yaml: cannot be read: No such file or directory" in run("learn", "--resume", "--out", "a")[2]
     config.write_text(text)
     assert run("learn", "--resume", "--out", "a", "--no-figures", "-q")[0] == 0
 
@@ -377,7 +379,11 @@ def test_waypoints_that_were_changed_are_refused_even_where_no_plan_shows_it(run
         f"a: the waypoints {tmp_path / 'way.csv'} have",
     )
     (tmp_path / "way.csv").write_text("0.0\n1.0000001\n")
-    assert run(*resume) == (2, "", f"error: {refused} changed since the run began\n")
+    assert run(*resume) == (
+        2,
+        "",
+        f"error: {refused} changed since the run was begun; expected no change, or a new run\n",
+    )
     (tmp_path / "way.csv").unlink()
     assert refused in run(*resume)[2]
     (tmp_path / "way.csv").write_text("0.0\n1.0\n")
@@ -401,7 +407,7 @@ def test_a_run_is_not_complete_without_what_it_was_begun_with(run, tmp_path, mon
 def test_executions_of_other_versions_are_refused_unless_a_person_makes_them(run, tmp_path, interrupted, monkeypatch):
     interrupted("a")
     before = learned_so_far(tmp_path / "a")
-    monkeypatch.setattr(learning_run, "versions", lambda: {"robustopt": "0.1.0", "mujoco": "99.0"})
+    monkeypatch.setattr(origin, "versions", lambda: {"robustopt": "0.1.0", "mujoco": "99.0"})
     code, out, err = run("learn", "--resume", "--out", "a")
     assert (code, out) == (2, "")
     assert err.startswith("error: a: was begun with other versions: mujoco was ")
@@ -495,7 +501,7 @@ def test_ctrl_c_in_a_terminal_keeps_what_was_learned(tmp_path, long_run, workers
     out, err = process.communicate(timeout=120)
     assert process.returncode == 130
     assert out == ""
-    assert err == "error: interrupted; what was learned is kept: robustopt learn --resume --out a\n"
+    assert err == "error: interrupted; all executions so far are kept: robustopt learn --resume --out a\n"
     assert learned_so_far(tmp_path / "a") >= 1
 
 
@@ -516,7 +522,7 @@ def test_many_parameters_fit_into_a_terminal(count):
     keys = ["contact.friction.lower", "contact.friction.upper", "objects.upper.mass", "tray.mass", "seed"][:count]
     row = {"duration": 3.2345, "result": "success", "incumbent": 3.301, "lower_bound": 3.102, "executions": 1}
     fresh = {"successes": 1, "success_rate": 1.0, "success_low": 0.963, "success_high": 1.0}
-    rows = [{"iteration": 12, "parameters": dict.fromkeys(keys, 0.4444), **row, **fresh}]
+    rows = [Iteration(iteration=12, parameters=dict.fromkeys(keys, 0.4444), **row, **fresh)]
     shown = io.StringIO()
     Console(file=shown, width=80).print(report.iterations_table(rows))
     text = shown.getvalue()
@@ -535,14 +541,14 @@ def test_no_cell_of_the_iterations_is_cut(width):
     row |= {"result": "not executed", "success_low": 0.69, "success_high": 1.0}
     shown = io.StringIO()
     console = Console(file=shown, width=width)
-    report.print_whole(report.iterations_table([row]), console)
+    report.print_whole(report.iterations_table([Iteration(**row)]), console)
     assert console.width == width
-    for cell in learning_table.table([row])[1][0]:
+    for cell in learning_table.table([Iteration(**row)])[1][0]:
         assert cell in shown.getvalue()
 
 
 def test_the_legend_says_what_is_shown():
-    rows = [{"iteration": 1, "friction": 0.5, "duration": 1.0, "result": "success", "incumbent": 1.0}]
+    rows = [Iteration(iteration=1, friction=0.5, duration=1.0, result="success", incumbent=1.0)]
     assert learning_table.legend(rows).startswith("Rslt: S success")
     assert "best: shortest plan" in learning_table.legend(rows)
     assert "Spdup" not in learning_table.legend(rows)

@@ -70,8 +70,8 @@ def test_a_person_learns_as_in_the_papers_table_1(tmp_path, config_file):
     assert [row["success"] for row in told] == ["no", "no", "no", "yes", "no"]
     assert [row["speed"] for row in told] == ["1.0"] * 4 + ["1.05"]
     summary = read_summary(tmp_path / "run")
-    assert (summary["status"], summary["learning"]["end"]) == ("learned", "near-optimal")
-    assert "success_rate" not in summary["learning"]["best"]
+    assert (summary.status, summary.learning.end) == ("learned", "near-optimal")
+    assert summary.learning.best.success_rate is None
     assert done.stderr.count("Did it succeed? [y/n]") == 5
     assert f"Execution 5: run run/{NEXT}" in done.stderr
     assert "1.05 times as fast as planned" in done.stderr
@@ -86,7 +86,9 @@ def test_days_later_it_goes_on_where_the_person_left(tmp_path, config_file, lear
         parts = f"parts{answered}"
         code, _, err = learn_here("".join(answers[:answered]), *manual, "--out", parts)
         assert code == 130
-        assert err.endswith(f"error: interrupted; what was learned is kept: robustopt learn --resume --out {parts}\n")
+        assert err.endswith(
+            f"error: interrupted; all executions so far are kept: robustopt learn --resume --out {parts}\n"
+        )
         assert (tmp_path / parts / NEXT).is_file()
         told = answered - answered % 2  # an execution without the answer about its log is asked for again
         code, _, err = learn_here("".join(answers[told:]), "--resume", "--out", parts)

@@ -23,6 +23,7 @@ from robustopt.limits.uncertainty import acceleration_error
 from robustopt.plotting import contacts_figure, figures, house_style, phase_plane, shares_figure, write_figures
 from robustopt.plotting.joints import joint_figures, joint_quantities
 from robustopt.plotting.style import LIMIT_COLOURS, OTHER, limit_colours, percent
+from robustopt.plotting.utilisation import Utilisation
 from robustopt.plotting.velocity_limit import largest_x, velocity_limits
 from robustopt.solvers import solve
 from robustopt.solvers.trajectory import NO_LIMIT, Trajectory, binding_shares
@@ -46,6 +47,7 @@ class Arm:
     """Joints of inertia 1 under a torque of 5 N m, and a load that adds up to 2 N m either way."""
 
     def __init__(self, n):
+        self.n, self.base, self.motors, self.contacts = n, 0, slice(0, None), {}
         self.joint_names = tuple(f"joint{k + 1}" for k in range(n))
         self.hinges = np.ones(n, dtype=bool)
         self.limits = SimpleNamespace(
@@ -68,7 +70,7 @@ class Problem:
         self.feasible = np.ones(self.s.size, dtype=bool)
         self.rest = np.isin(np.arange(self.s.size), [0, half.size - 1, half.size, self.s.size - 1])
         beliefs = SimpleNamespace(joint_acceleration=error)
-        self.config = SimpleNamespace(name="wave", objects={}, walks=False, uncertainty=beliefs)
+        self.config = SimpleNamespace(name="wave", objects={}, uncertainty=beliefs)
         x_max = np.min((3.0 / np.maximum(np.abs(self.q1), 1e-9)) ** 2, axis=1)
         self.facets = ()
         uncertainty = SimpleNamespace(error=acceleration_error(self.config, n, 0))
@@ -308,8 +310,8 @@ def test_phase_plane_of_no_plan_shows_stops_where_it_may_not_stand_still():
     problem.b[-1, -1], problem.c[-1, -1], plan.stuck = -1.0, 1.0, size - 1
     (plane,) = phase_plane(plan, "").axes
     lines = {line.get_label(): line.get_xydata() for line in plane.get_lines()}
-    assert set(lines) == {"maximum velocity", "minimum velocity", "must stop, may not stand still", "conflict at s = 1"}
-    np.testing.assert_array_equal(lines["must stop, may not stand still"], [[1.0, 0.0]])
+    assert set(lines) == {"maximum velocity", "minimum velocity", "must stop, cannot stand still", "conflict at s = 1"}
+    np.testing.assert_array_equal(lines["must stop, cannot stand still"], [[1.0, 0.0]])
     assert lines["minimum velocity"][-1] == pytest.approx([1.0, 1.0])
     assert lines["conflict at s = 1"][0, 0] == 1.0
 
@@ -390,12 +392,14 @@ def test_bars_beyond_the_twelfth_are_one():
 
 def test_contacts_figure_shows_an_exceeded_limit():
     t = np.linspace(0, 1, 5)
-    figure = contacts_figure(t, {"a on tray": (t, 1.5 * t), "b on a": (t, t)}, "wave", {"b on a": 0.4321})
+    figure = contacts_figure(
+        {"a on tray": Utilisation(t, t, 1.5 * t), "b on a": Utilisation(t, t, t)}, "wave", {"b on a": 0.4321}
+    )
     first, second = figure.axes
     assert first.get_ylim()[1] > 1.5
     assert [axes.get_title(loc="left") or axes.get_title() for axes in figure.axes] == [
         "a on tray",
-        "b on a, at worst 43.2 %",
+        "b on a, worst case 43.2 %",
     ]
     np.testing.assert_array_equal(first.get_lines()[2].get_ydata(), 1.5 * t)
     assert second.get_lines()[0].get_ydata()[0] == 1.0
@@ -404,7 +408,8 @@ def test_contacts_figure_shows_an_exceeded_limit():
 def test_contacts_figure_of_a_bridge_and_of_an_object_that_lifts_off():
     t = np.linspace(0, 1, 5)
     lifted = np.where(t > 0.9, np.inf, t)
-    figure = contacts_figure(t, {"plank": (t, np.full(5, np.nan)), "a on tray": (lifted, t)}, "wave")
+    used = {"plank": Utilisation(t, t, np.full(5, np.nan)), "a on tray": Utilisation(t, lifted, t)}
+    figure = contacts_figure(used, "wave")
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["balance", "slip", "tipping"]
     assert np.isfinite(figure.axes[0].get_ylim()[1])
     assert figure.axes[1].get_lines()[1].get_ydata()[-1] == 2.0
@@ -490,10 +495,10 @@ def test_contacts_of_a_real_plan(waiter):
     plan = waiter["reachability"]
     config = plan.problem.config
     with house_style():
-        figure = figures(plan, config, certify(config, plan))["contacts"]
+        figure = figures(plan, config, certify(plan))["contacts"]
     lower, upper = figure.axes
-    assert lower.get_title(loc="left").startswith("lower on tray, at worst 100.")
-    assert upper.get_title(loc="left").startswith("upper on lower, at worst")
+    assert lower.get_title(loc="left").startswith("lower on tray, worst case 100.")
+    assert upper.get_title(loc="left").startswith("upper on lower, worst case")
     tipping = lower.get_lines()[2].get_ydata()
     assert 0.5 < tipping.max() < 1 - 2 / 40
 

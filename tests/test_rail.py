@@ -181,7 +181,7 @@ def test_both_solvers_find_the_same_plan_and_it_passes_its_certificate(problem: 
         fast, exact = solve(uncertain, "reachability"), solve(uncertain, "ipopt")
         assert fast.status.value == exact.status.value == "solved"
         assert fast.duration == pytest.approx(exact.duration, rel=1e-4)
-        certificate = certify(uncertain.config, fast)  # on the grid, which is too coarse for what is in between
+        certificate = certify(fast)  # on the grid, which is too coarse for what is in between
         assert min(margin.on_grid for margin in certificate.margins.values()) > -1e-4
         contacts = {name: m.on_grid for name, m in certificate.margins.items() if name.startswith("contact of")}
         assert set(contacts) == {
@@ -199,7 +199,7 @@ def test_both_solvers_find_the_same_plan_and_it_passes_its_certificate(problem: 
     ],
 )
 def test_a_plan_for_a_better_hold_fails_its_certificate(plan: Plan, values: dict[str, Any]) -> None:
-    certificate = certify(with_values(plan.problem.config, values), plan)
+    certificate = certify(plan, config=with_values(plan.problem.config, values))
     assert not certificate.passed
     contacts = [m.on_grid for name, m in certificate.margins.items() if name.endswith("and left hand")]
     assert min(contacts) < -0.01
@@ -211,7 +211,7 @@ def test_a_weak_arm_slows_a_plan_down(problem: TimeScalingProblem) -> None:
     assert plan.duration > 1.01 * solve(problem).duration
     assert plan.problem.limits.torque.sharing is not None
     assert plan.problem.limits.torque.sharing.rows
-    margins = certify(weak.config, plan).margins
+    margins = certify(plan).margins
     assert -1e-4 < margins["left_elbow torque"].on_grid < 0.05
 
 
@@ -219,7 +219,7 @@ def test_arm_torques_hold_for_the_parameters_that_the_feet_like_least(problem: T
     """At the middle of all intervals the arm had half of its strength in reserve; where the feet have nothing left, an
     error of the base is the arm's to make up for. The planner once looked at the middle only."""
     slippery = believing(problem, on_feet(0.06))
-    margins = certify(slippery.config, solve(slippery)).margins
+    margins = certify(solve(slippery)).margins
     assert min(m.on_grid for name, m in margins.items() if name.endswith("torque")) > -1e-4
 
 
@@ -259,7 +259,7 @@ def test_planned_forces_are_possible_and_make_the_motion(plan: Plan) -> None:
 
 
 def test_a_plan_that_is_right_about_its_world_succeeds_with_the_planned_forces(fine: Plan, tmp_path: Path) -> None:
-    seen = trace(configured("solver.collocation_points=120"), fine, 0)
+    seen = trace(fine, 0, configured("solver.collocation_points=120"))
     assert seen.outcome.status is Status.SUCCESS
     assert seen.outcome.objects[HAND].slip < 0.008
     assert seen.planned_forces is not None
@@ -277,7 +277,7 @@ def test_a_plan_that_is_right_about_its_world_succeeds_with_the_planned_forces(f
 
 def test_a_hand_slips_where_its_rail_is_smoother_than_believed(fine: Plan) -> None:
     smooth = configured("execution={truth: {friction: {default: 0.1, left_hand: 0.1}}}")
-    (outcome,) = execute(with_values(smooth, {"solver.collocation_points": 120}), fine, trials=1).outcomes
+    (outcome,) = execute(fine, with_values(smooth, {"solver.collocation_points": 120}), trials=1).outcomes
     assert outcome.status is Status.SLIPPED
     assert outcome.objects[HAND].status is Status.SLIPPED
     assert outcome.objects[HAND].slip > 0.01
@@ -286,7 +286,7 @@ def test_a_hand_slips_where_its_rail_is_smoother_than_believed(fine: Plan) -> No
 def test_a_hand_loses_contact_where_it_is_pulled_off(fine: Plan) -> None:
     pulled = configured("execution={failure: {foot_slip: 100, hand_lift: 0.002}, disturbance: {on: left_hand, "
                         "force_deviation: [0, 0, 150], hold: 0.3}}", "solver.collocation_points=120")  # fmt: skip
-    outcomes = execute(pulled, fine, trials=3).outcomes
+    outcomes = execute(fine, pulled, trials=3).outcomes
     lost = [item for item in outcomes if item.objects[HAND].status is Status.LOST_CONTACT]
     assert lost
     assert all(item.objects[HAND].lift > 0.002 for item in lost)
@@ -300,10 +300,11 @@ def test_the_rail_and_the_palm_are_in_the_model(fine: Plan, tmp_path: Path) -> N
     (tmp_path / "knuckle.xml").write_text(text.replace(hand, knuckle + hand))
     inset = "execution.truth.contact_inset={left_hand: 0.01}"
     config = configured("path.rail.normal=[0, -1, 2]", inset, f"robot.model={tmp_path / 'knuckle.xml'}")
-    scene = prepare(config, solve(build_problem(config))).scene
-    model = scene.model(scene.believed)
+    job = prepare(solve(build_problem(config)))
+    world = job.world
+    model = world.model(job.parameters(0))
     data, axes = mujoco.MjData(model), contact_axes([0, -1, 2], [1, 0, 0])
-    data.qpos[:] = scene.start(scene.layout(model), build_problem(config).path(np.array([0.0]))[0], model.nq)
+    data.qpos[:] = world.start(world.layout(model), build_problem(config).path(np.array([0.0]))[0], model.nq)
     mujoco.mj_kinematics(model, data)
     spheres = [k for k in range(model.ngeom) if model.geom(k).name.startswith("robustopt_left_hand")]
     local = (data.geom_xpos[spheres] - [0.3, 0.27, 0.7]) @ axes

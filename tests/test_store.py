@@ -14,8 +14,20 @@ from robustopt.config import Config
 from robustopt.config.load import dump, load_config
 from robustopt.errors import RunFolderError
 from robustopt.models import MODELS
-from robustopt.runs import store
-from robustopt.runs.store import CONFIG, JOURNAL, PROVENANCE, SUMMARY, new_run, read_summary, write_json, write_origin
+from robustopt.runs import origin, store
+from robustopt.runs.origin import write_origin
+from robustopt.runs.records import Checkout, LimitMargin, RunStatus, Summary
+from robustopt.runs.store import (
+    CONFIG,
+    JOURNAL,
+    PROVENANCE,
+    SUMMARY,
+    json_text,
+    new_run,
+    read_provenance,
+    read_summary,
+    write_record,
+)
 
 MODEL = MODELS / "tx90l.xml"
 
@@ -26,9 +38,12 @@ def config() -> Config:
     )
 
 
+SOLVED = Summary(kind="plan", name="t", status=RunStatus.SOLVED, message="Solved.", duration=1 / 3)
+
+
 def fill(folder: Path) -> None:
-    write_origin(folder, config(), MODEL, ["plan", "t.yaml"])
-    write_json(folder / SUMMARY, {"name": "t", "status": "solved"})
+    write_origin(folder, config(), ["plan", "t.yaml"])
+    write_record(folder / SUMMARY, SOLVED)
 
 
 def test_a_run_appears_at_the_end_of_its_block_and_not_before(tmp_path):
@@ -38,7 +53,7 @@ def test_a_run_appears_at_the_end_of_its_block_and_not_before(tmp_path):
         assert not any((tmp_path / "task").glob("[!.]*"))
     assert run.place.parent == tmp_path / "task"
     assert [entry.name for entry in (tmp_path / "task").iterdir()] == [run.place.name]
-    assert read_summary(run.place) == {"name": "t", "status": "solved"}
+    assert read_summary(run.place) == SOLVED
 
 
 def test_runs_of_the_same_second_get_numbers(tmp_path, monkeypatch):
@@ -183,25 +198,25 @@ def test_a_full_disk_is_an_error_that_leaves_nothing_behind(tmp_path, monkeypatc
 
 
 def test_the_origin_says_what_it_takes_to_run_again(tmp_path):
-    write_origin(tmp_path, config(), MODEL, ["plan", "t.yaml", "seed=7"])
-    origin = json.loads((tmp_path / PROVENANCE).read_text())
-    assert origin["arguments"] == ["robustopt", "plan", "t.yaml", "seed=7"]
-    assert origin["seed"] == 7
-    assert origin["versions"]["python"] == ".".join(map(str, sys.version_info[:3]))
-    assert {"robustopt", "numpy", "scipy", "mujoco", "casadi", "highspy", "numba"} <= set(origin["versions"])
-    assert all(origin["versions"].values())
-    assert origin["machine"]["cpus"] == os.cpu_count()
+    write_origin(tmp_path, config(), ["plan", "t.yaml", "seed=7"])
+    written = read_provenance(tmp_path)
+    assert written.arguments == ("robustopt", "plan", "t.yaml", "seed=7")
+    assert written.seed == 7
+    assert written.versions["python"] == ".".join(map(str, sys.version_info[:3]))
+    assert {"robustopt", "numpy", "scipy", "mujoco", "casadi", "highspy", "numba"} <= set(written.versions)
+    assert all(written.versions.values())
+    assert written.machine.cpus == os.cpu_count()
     assert (tmp_path / CONFIG).read_text() == dump(config())
     digest = subprocess.run(["sha256sum", tmp_path / CONFIG, MODEL], capture_output=True, text=True, check=True).stdout
     assert [line.split()[0] for line in digest.splitlines()] == [
-        origin["config_sha256"],
-        origin["robot_model"]["sha256"],
+        written.config_sha256,
+        written.robot_model.sha256,
     ]
 
 
 def test_the_stored_configuration_plans_the_same_task(tmp_path):
-    write_origin(tmp_path, config(), MODEL, [])
-    with pytest.raises(Exception, match="exactly one of tray_poses, joints and steps"):
+    write_origin(tmp_path, config(), [])
+    with pytest.raises(Exception, match="exactly one of tray_poses, tool_poses, joints and steps"):
         load_config(tmp_path / CONFIG)
     again = load_config(tmp_path / CONFIG, ["path={joints: [[0, 0], [1, 1]]}"])
     assert again.seed == 7
@@ -213,21 +228,50 @@ def test_the_commit_is_that_of_the_package_and_of_no_other_checkout(tmp_path):
         done = subprocess.run(["git", *identity, *arguments], cwd=tmp_path, capture_output=True, text=True, check=True)
         return done.stdout.strip()
 
-    assert store._git(tmp_path) is None
+    assert origin._git(tmp_path) is None
     git("init", "-q")
     (tmp_path / "file").write_text("1")
     git("add", "file")
     git("commit", "-qm", "first")
-    assert store._git(tmp_path) == {"commit": git("rev-parse", "HEAD"), "dirty": False}
+    assert origin._git(tmp_path) == Checkout(commit=git("rev-parse", "HEAD"), dirty=False)
     (tmp_path / "file").write_text("2")
-    assert store._git(tmp_path)["dirty"] is True
+    assert origin._git(tmp_path).dirty is True
     (tmp_path / "site-packages").mkdir()
-    assert store._git(tmp_path / "site-packages") is None
+    assert origin._git(tmp_path / "site-packages") is None
 
 
 def test_numbers_that_json_does_not_know_become_null(tmp_path):
-    write_json(tmp_path / "a.json", {"a": float("inf"), "b": [float("nan"), 1.5], "c": {"d": 2}})
-    assert json.loads((tmp_path / "a.json").read_text()) == {"a": None, "b": [None, 1.5], "c": {"d": 2}}
+    text = json_text({"a": float("inf"), "b": [float("nan"), 1.5], "c": {"d": 2}})
+    assert json.loads(text) == {"a": None, "b": [None, 1.5], "c": {"d": 2}}
+    write_record(tmp_path / "a.json", LimitMargin(on_grid=float("-inf"), between=0.5))
+    assert json.loads((tmp_path / "a.json").read_text()) == {"on_grid": None, "between": 0.5}
+
+
+def test_a_summary_holds_the_sections_that_it_was_given(tmp_path):
+    fill(tmp_path)
+    data = json.loads((tmp_path / SUMMARY).read_text())
+    assert data == {"kind": "plan", "name": "t", "status": "solved", "message": "Solved.", "duration": 1 / 3}
+    with pytest.raises(ValueError, match="status"):
+        Summary.model_validate(data | {"status": "excellent"})
+
+
+@pytest.mark.parametrize(
+    ("change", "found"),
+    [
+        ({"duration": "x"}, "duration: Input should be a valid number"),
+        ({"status": "excellent"}, "status: Input should be 'solved', "),
+        ({"certificate": {"a": 1}}, "certificate.passed: Field required"),
+        ({"learner": {}}, "learner: Extra inputs are not permitted"),
+    ],
+)
+def test_a_summary_that_was_changed_is_refused_with_the_field(tmp_path, change, found):
+    fill(tmp_path)
+    data = json.loads((tmp_path / SUMMARY).read_text())
+    (tmp_path / SUMMARY).write_text(json.dumps(data | change))
+    with pytest.raises(RunFolderError) as caught:
+        read_summary(tmp_path)
+    start = f"{tmp_path / SUMMARY}: cannot be read: it has been changed, or is of another version of robustopt ({found}"
+    assert str(caught.value).startswith(start)
 
 
 def test_a_folder_that_is_no_run_is_not_read(tmp_path):
@@ -247,6 +291,5 @@ def test_a_folder_that_is_no_run_is_not_read(tmp_path):
 def test_arguments_that_are_no_text_for_the_system_are_kept(tmp_path):
     given = ("täsk.yaml".encode(), b"\xe4")  # in a locale of ASCII; in another encoding
     arguments = ["plan", *(name.decode("ascii", "surrogateescape") for name in given)]
-    write_origin(tmp_path, config(), MODEL, arguments)
-    origin = json.loads((tmp_path / PROVENANCE).read_text(encoding="utf-8"))
-    assert origin["arguments"] == ["robustopt", "plan", "täsk.yaml", "\ufffd"]
+    write_origin(tmp_path, config(), arguments)
+    assert read_provenance(tmp_path).arguments == ("robustopt", "plan", "täsk.yaml", "\ufffd")

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from robustopt.errors import ConfigError, ProblemInfeasible, SolverFailed
+from robustopt.errors import ConfigError, Infeasible, SolverFailed
 from robustopt.solvers.trajectory import (
     Trajectory,
     binding_shares,
@@ -222,7 +222,7 @@ def test_trajectory_is_read_only():
 def test_empty_plan_has_no_trajectory():
     plan = bang_bang_plan()
     plan.x, plan.message = np.empty(0), "slip of box on tray at s = 0.3"
-    with pytest.raises(ProblemInfeasible, match=r"slip of box on tray at s = 0\.3"):
+    with pytest.raises(Infeasible, match=r"slip of box on tray at s = 0\.3"):
         Trajectory.from_plan(plan)
 
 

@@ -19,21 +19,23 @@ from robustopt.learning.learner import Belief
 from robustopt.learning.moments import ErrorInterval
 from robustopt.limits import build_problem
 from robustopt.path.footsteps import footsteps
-from robustopt.robot import Robot
+from robustopt.robot import Robot, load_robot
 from robustopt.robot.model_file import MODELS
 from robustopt.runs.beliefs import believing
 from robustopt.runs.campaign import learn
 from robustopt.simulation import Status, execute, monte_carlo
-from robustopt.simulation.controller import Gains, Reference, gains_of
+from robustopt.simulation.controller import Gains, Reference
 from robustopt.simulation.execute import faster, prepare
-from robustopt.simulation.footing import LANDING, MeasuredContact, stands, turning
+from robustopt.simulation.gains import gains_of
+from robustopt.simulation.interfaces import LANDING, Grounded, MeasuredContact, stands, turning
 from robustopt.simulation.monte_carlo import Job, run_trials, simulate_trials
 from robustopt.simulation.outcome import TrialOutcome
+from robustopt.simulation.parameters import BodyParameters, Parameters
+from robustopt.simulation.pictures import view_of
 from robustopt.simulation.simulation import Workspace
 from robustopt.simulation.trace import trace
-from robustopt.simulation.truth import TrueBody, World
 from robustopt.simulation.video import HEIGHT, WIDTH
-from robustopt.simulation.walker_scene import WalkerScene
+from robustopt.simulation.world import World
 from robustopt.solvers import Plan, solve
 from robustopt.solvers.contact_forces import planned_forces
 from robustopt.solvers.trajectory import Trajectory
@@ -62,7 +64,7 @@ def plan() -> Plan:
 
 
 def outcome_of(plan: Plan, *overrides: str, speed: float = 1.0) -> TrialOutcome:
-    (outcome,) = execute(configured(*overrides), plan, trials=1, speed=speed).outcomes
+    (outcome,) = execute(plan, configured(*overrides), trials=1, speed=speed).outcomes
     return outcome
 
 
@@ -73,7 +75,7 @@ def standing(
     plan: Plan, config: Config, gravity: tuple[float, ...] = (0.0, 0.0, -9.81), seconds: float = 1.0
 ) -> tuple[TrialOutcome, dict[str, MeasuredContact]]:
     """A robot that stands where the plan starts, with the torque that this takes on a level floor."""
-    job = prepare(config, plan)
+    job = prepare(plan, config)
     job = replace(job, config=job.config.model_copy(update={"gravity": gravity}))
     steps = round(seconds / job.execution.timestep)
     first = {name: np.repeat(getattr(job.planned, name)[:1], steps, axis=0) for name in ("q", "torque")}
@@ -83,9 +85,9 @@ def standing(
     )
     job = replace(job, planned=planned)
     prepared, record = simulate_trials(job, [0], 1, Workspace())
-    assert isinstance(prepared.scene, WalkerScene)
     (outcome,) = run_trials(job, [0], 1)
-    return outcome, prepared.scene.contacts(prepared.layout, record, 0)
+    ground = [item for item in prepared.layout.interfaces if isinstance(item, Grounded)]
+    return outcome, {item.name: item.measured(record, 0, 0.001) for item in ground}
 
 
 def test_a_robot_that_stands_still_stays(plan):
@@ -119,7 +121,7 @@ def test_a_plan_that_is_right_about_its_world_succeeds(plan):
 
 
 def test_measured_foot_forces_are_the_planned_ones(plan):
-    seen = trace(configured(), plan, 0)
+    seen = trace(plan, 0, configured())
     _, wanted = seen.planned_forces.sample(seen.t)
     for name, contact in seen.contacts.items():
         error = np.abs(contact.force - wanted[name])[seen.moving]
@@ -134,7 +136,7 @@ def test_measured_foot_forces_are_the_planned_ones(plan):
 
 def test_a_foot_counts_as_standing_from_a_little_after_it_landed():
     steps = footsteps(configured())
-    found = stands(steps.stances, ["left_foot", "right_foot"])
+    found = {name: stands(steps.stances, name) for name in ("left_foot", "right_foot")}
     fifth = 1 / 5
     right = [(0.0, fifth), (2 * fifth + LANDING * fifth, 1.0)]
     assert [(item.begin, item.end) for item in found["right_foot"]] == [pytest.approx(pair) for pair in right]
@@ -183,11 +185,11 @@ def test_a_joint_that_stays_at_its_limit_is_reported():
 
 
 def test_a_simulation_that_diverges_is_never_a_success(plan):
-    job = prepare(configured(), plan)
+    job = prepare(plan, configured())
     wild = Gains(np.full(N - 6, 1e12), np.zeros(N - 6), np.full(N - 6, 1e9), job.gains.inputs)
     far = replace(job.planned, torque=1e15 * np.ones_like(job.planned.torque))
     scene_limits = configured("robot.limits={all: {torque: 1e15}}")
-    (outcome,) = run_trials(Job(scene_limits, job.execution, wild, far, 0), [0], 1)
+    (outcome,) = run_trials(Job(scene_limits, wild, far, 0), [0], 1)
     assert outcome.status is Status.DIVERGED
     assert (outcome.error_steps, outcome.objects["pelvis"].status) == (0, Status.DIVERGED)
 
@@ -199,7 +201,7 @@ def test_the_feedforward_is_that_of_the_speed(plan):
     slow = faster(plan, 0.5)
     assert Trajectory.from_plan(slow).duration == pytest.approx(2 * plan.duration)
     torque, _ = planned_forces(slow).sample(np.array([-1.0, 1.0]))
-    planned = prepare(configured(), plan, speed=0.5).planned
+    planned = prepare(plan, configured(), speed=0.5).planned
     assert planned.torque[0] == pytest.approx(torque[0])
     assert planned.torque[np.argmin(np.abs(planned.t - 1.0))] == pytest.approx(torque[1], abs=1.0)
     assert outcome_of(plan, speed=0.8).success
@@ -213,16 +215,16 @@ def test_trials_do_not_depend_on_others_nor_on_who_runs_them(plan, monkeypatch):
         "execution.truth={friction: {left_foot: 0.3, right_foot: 0.2}, variation: {friction: 0.05, mass: {torso: 1}}}",
         "execution.disturbance={force_deviation: [20, 20, 0], hold: 0.05, calibration_deviation: 0.001, on: torso}",
     )
-    many = execute(config, plan, trials=5)
+    many = execute(plan, config, trials=5)
     assert len({outcome.status for outcome in many.outcomes}) > 1
     assert len({outcome.mass["torso"] for outcome in many.outcomes}) == 5
-    two = execute(config, plan, trials=5, workers=2)
+    two = execute(plan, config, trials=5, workers=2)
     assert repr(two.outcomes) == repr(many.outcomes)
     assert two.feedback == many.feedback
     for k in (0, 4):
-        (alone,) = execute(config, plan, numbers=[k]).outcomes
+        (alone,) = execute(plan, config, numbers=[k]).outcomes
         assert repr(asdict(alone)) == repr(asdict(many.outcomes[k]))
-    assert repr(execute(config, plan, trials=1, seed=1).outcomes) != repr(many.outcomes[:1])
+    assert repr(execute(plan, config, trials=1, seed=1).outcomes) != repr(many.outcomes[:1])
 
 
 # The world ------------------------------------------------------------------------------------------------
@@ -235,12 +237,14 @@ def test_the_truth_is_in_the_model():
     }  # fmt: skip
     config = with_values(configured(), {"execution.truth": truth})
     walker = plan_of(config).problem.robot
-    scene = WalkerScene(config, scene_gains(walker), 0.001)
-    assert set(scene.believed.bodies) == {"torso", "left_shank"}
-    believed = scene.model(scene.believed)
-    body = TrueBody(10.0, np.array([0.0, 0.0, 0.2]), np.eye(3))
-    model = scene.model(World({"left_foot": 0.25, "right_foot": 0.4}, {"torso": body}))
-    assert believed.body_mass.sum() == pytest.approx(MASS)
+    world = World(config, scene_gains(walker), 0.001)
+    assert set(world.nominal.bodies) == {"torso", "left_shank"}
+    nominal = world.model(world.nominal)
+    body = BodyParameters(10.0, np.array([0.0, 0.0, 0.2]), np.eye(3))
+    model = world.model(
+        Parameters({"left_foot": 0.25, "right_foot": 0.4}, {"torso": body}, inset=truth["contact_inset"])
+    )
+    assert nominal.body_mass.sum() == pytest.approx(MASS)
     assert model.body("torso").mass == 10.0
     assert model.body("torso").ipos == pytest.approx([0.0, 0.0, 0.2])
     for foot, mu, half in (("left_foot", 0.25, 0.1), ("right_foot", 0.4, 0.11)):
@@ -249,7 +253,7 @@ def test_the_truth_is_in_the_model():
         assert model.geom_friction[spheres, 0] == pytest.approx(mu)
         assert np.ptp(model.geom_pos[spheres, 0]) == pytest.approx(2 * half)
     with pytest.raises(ConfigError, match=r"contact_inset.*leaves nothing of left_foot"):
-        WalkerScene(configured("execution.truth.contact_inset={left_foot: 0.2}"), scene_gains(walker), 0.001)
+        world.model(replace(world.nominal, inset={"left_foot": 0.2}))
 
 
 def test_nothing_but_contacts_carries_the_robot_whatever_its_file_says(plan, tmp_path):
@@ -258,8 +262,8 @@ def test_nothing_but_contacts_carries_the_robot_whatever_its_file_says(plan, tmp
         text = text.replace(element, element + attribute)
     (tmp_path / "own.xml").write_text(text)
     walker = plan.problem.robot
-    scene = WalkerScene(configured(f"robot.model={tmp_path / 'own.xml'}"), scene_gains(walker), 0.001)
-    model = scene.model(scene.believed)
+    world = World(configured(f"robot.model={tmp_path / 'own.xml'}"), scene_gains(walker), 0.001)
+    model = world.model(world.nominal)
     assert not np.any(model.body_gravcomp)
     assert model.opt.density == model.opt.viscosity == 0.0
 
@@ -296,8 +300,7 @@ def test_the_camera_sees_the_whole_robot_all_the_way(plan, tmp_path, scale):
     walk = "[" + ", ".join(f"{{foot: {'right' if k % 2 else 'left'}, to: [{0.1 * k}, {0.16 * (-1) ** k}]}}"
                            for k in range(1, 10 if scale == 1 else 2)) + "]"  # fmt: skip
     config = configured("solver.collocation_points=200", f"path.steps={walk}", f"path.pelvis_height={0.54 * scale}")
-    scene = WalkerScene(config, scene_gains(plan.problem.robot), 0.001)
-    view = scene.view(scene.layout(scene.model(scene.believed)), np.zeros((1, 0)))
+    view = view_of(config, load_robot(config), np.zeros((1, 0)))
     azimuth, elevation = np.deg2rad([view.azimuth, view.elevation])
     forward = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
     right = np.array([np.sin(azimuth), -np.cos(azimuth), 0.0])
@@ -328,7 +331,7 @@ def test_default_gains_hold_the_robot_up_however_light_its_feet_are(armature, tm
     (tmp_path / "motors.xml").write_text(re.sub(r'<position (.*?) kp="\d+" kv="\d+"', r"<motor \1", text))
     config = configured(f"robot.model={tmp_path / 'motors.xml'}")
     plan = plan_of(config)
-    (outcome,) = execute(config, plan, trials=1).outcomes
+    (outcome,) = execute(plan, config, trials=1).outcomes
     assert outcome.status is Status.SUCCESS
     gains = gains_of(config, plan.problem.robot, plan.problem.path(np.array([0.0])))
     height = plan.problem.robot.contacts_and_com(plan.problem.path(np.array([0.0]))[0])[0][2]
@@ -363,12 +366,12 @@ def test_rates_of_the_base_are_the_changes_of_its_coordinates(plan):
 )
 def test_a_mistake_is_one_clear_error(plan, overrides, message):
     with pytest.raises(ConfigError, match=message):
-        execute(configured(*overrides), plan, trials=1)
+        execute(plan, configured(*overrides), trials=1)
 
 
 def test_a_plan_of_another_task_is_refused(plan):
     with pytest.raises(ConfigError, match="of another task"):
-        execute(configured("path.lift=0.04"), plan, trials=1)
+        execute(plan, configured("path.lift=0.04"), trials=1)
 
 
 # Commands -------------------------------------------------------------------------------------------------

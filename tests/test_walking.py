@@ -286,16 +286,16 @@ def test_weak_joints_slow_a_plan_down_also_where_both_feet_share_the_load() -> N
         assert sharing.rows
         u, x, points = interval_ends(found.problem, found.x, found.u)
         assert SharingSearch(np.ones(N, dtype=bool)).missing_rows(sharing, points, u, x)[0] == []
-    margins = certify(weak.config, plans[0]).margins  # on the grid, which is too coarse for what is in between
+    margins = certify(plans[0]).margins  # on the grid, which is too coarse for what is in between
     assert min(margin.on_grid for margin in margins.values()) > -1e-6
 
 
 def test_torques_are_looked_at_even_where_none_binds(problem: TimeScalingProblem, plan: Plan) -> None:
-    certificate = certify(problem.config, plan)
+    certificate = certify(plan)
     joints = [name for name in certificate.margins if name.endswith(" torque")]
     assert len(joints) == N - BASE
     assert min(certificate.margins[name].on_grid for name in joints) > 0.3
-    too_fast = certify(with_values(problem.config, {}), _with_limits(plan, 20.0))
+    too_fast = certify(_with_limits(plan, 20.0))
     assert not too_fast.passed
     assert too_fast.worst.limit.endswith(" torque")
 
@@ -312,7 +312,7 @@ def _with_limits(plan: Plan, torque: float) -> Plan:
 def test_a_plan_passes_its_certificate_tightly(problem: TimeScalingProblem) -> None:
     for values in ({}, UNCERTAIN):
         uncertain = believing(problem, values | {"solver.collocation_points": 200})
-        certificate = certify(uncertain.config, solve(uncertain))
+        certificate = certify(solve(uncertain))
         assert certificate.passed, certificate.sentence
         contacts = [margin.on_grid for name, margin in certificate.margins.items() if name.startswith("contact of")]
         assert len(contacts) == 3
@@ -330,15 +330,14 @@ def test_a_plan_passes_its_certificate_tightly(problem: TimeScalingProblem) -> N
     ],
 )
 def test_a_plan_for_less_uncertainty_fails_its_certificate(plan: Plan, values: dict[str, Any], limit: str) -> None:
-    certificate = certify(with_values(plan.problem.config, values), plan)
+    certificate = certify(plan, config=with_values(plan.problem.config, values))
     assert not certificate.passed
     assert certificate.worst.limit.startswith(limit)
     assert certificate.worst.on_grid or certificate.margins[certificate.worst.limit].on_grid < 0
 
 
 def test_a_full_certificate_agrees_and_is_the_same_again(problem: TimeScalingProblem, plan: Plan) -> None:
-    config = with_values(problem.config, {})
-    quick, again = certify(config, plan, seed=3), certify(config, plan, seed=3)
+    quick, again = certify(plan, seed=3), certify(plan, seed=3, config=with_values(problem.config, {}))
     assert quick == again
 
 
@@ -411,7 +410,7 @@ def test_forces_are_sampled_in_time(plan: Plan) -> None:
 
 def test_every_figure_is_drawn(plan: Plan) -> None:
     with house_style():
-        drawn = figures(plan, plan.problem.config, certify(plan.problem.config, plan))
+        drawn = figures(plan, plan.problem.config, certify(plan))
     joints = {f"joints_{k}" for k in range(1, 5)}
     assert {"phase_plane", "feet", "footprints", "contacts", "binding"} | joints == set(drawn)
 
@@ -580,7 +579,7 @@ def test_the_planned_torques_make_the_model_walk_without_any_balance(believed: f
 def test_forces_that_rounding_errors_keep_from_balancing_are_found_all_the_same() -> None:
     """Of 77,000 force programs of this plan one stopped 4e-8 short of balance, and counted as impossible."""
     config = load_config(CONFIG, ["contact.friction={left_foot: 0.142262, right_foot: 0.142262}"])
-    certificate = certify(config, solve(build_problem(config)), "quick", 0)
+    certificate = certify(solve(build_problem(config)), "quick", 0)
     assert certificate.passed
     assert certificate.margin > -0.01
 
@@ -589,7 +588,7 @@ def test_a_learner_plans_on_a_finer_grid_where_limits_are_left_between_points() 
     config = load_config(CONFIG)
     belief = Belief(parameters=(("contact.friction.left_foot", 0.1), ("contact.friction.right_foot", 0.1)))
     coarse = Planner(config, certified=False).plan(belief).plan
-    assert not certify(believing_config(config, belief), coarse, "quick", 0).passed
+    assert not certify(coarse, "quick", 0, believing_config(config, belief)).passed
     result = Planner(config).plan(belief)
     assert result.certified
     assert len(result.plan.s) == 2 * len(coarse.s) - 1

@@ -1,8 +1,9 @@
-"""Certificate: checks a plan independently of the solver that made it.
+"""Check plans independently of the solver that made them.
 
-`contact_points` and `force_closure` say how far a wrench is from the exact friction cones; `scene` holds what is
-carried and how uncertain it is; `motion` and `loads` turn a plan into the wrenches it needs; `joints`, `contacts` and
-`draws` find the worst utilisation of each limit, collected in a `tally`; `certify` puts them together.
+`contact_points`, `force_closure` and `twist` say how far a wrench is from the limits of contacts; `bodies`, `systems`
+and `world` hold the bodies, contacts and intervals; `motion`, `loads` and `balance` turn a plan into the wrenches that
+it requires; `joints`, `shared_torque`, `places`, `worst` and `samples` find the worst utilisation of each limit,
+collected in a `tally`; `certify` puts them together.
 """
 
 from robustopt.certificate.certify import LEVELS, Certificate, Level, Margin, Worst, certify

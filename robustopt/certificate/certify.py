@@ -1,8 +1,8 @@
-"""Certificate of a plan: its worst utilisation of every limit, for every value in the intervals that is looked at.
+"""Certificate of a plan: its worst utilisation of every limit, for all values in the intervals that are looked at.
 
-Nothing here is shared with the planner but the configuration, the robot's kinematics and dynamics, the path, and where
-the objects stand: the rigid-body mechanics, the force closure on exact Coulomb cones and the search for the worst
-parameters are its own.
+Nothing here is shared with the planner but the configuration, the robot's kinematics and dynamics, the path, and the
+places of objects and patches: the rigid-body mechanics, the force closure on exact Coulomb cones and the search for the
+worst parameters are its own.
 """
 
 from __future__ import annotations
@@ -10,22 +10,22 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robustopt.certificate.contacts import Thoroughness, check_contacts
-from robustopt.certificate.draws import check_draws
+from robustopt.certificate import names
 from robustopt.certificate.joints import check_kinematics, check_torque
-from robustopt.certificate.motion import Instants, Motion, instants, motion
-from robustopt.certificate.scene import Scene, build_scene
+from robustopt.certificate.motion import Instants, Motion, instants, motion, stances
+from robustopt.certificate.places import check_places
+from robustopt.certificate.samples import Torques, check_samples
+from robustopt.certificate.shared_torque import check_shared_torque
 from robustopt.certificate.tally import Found, Tally
-from robustopt.certificate.walking import check_walk
+from robustopt.certificate.world import World, build_world, contact_points
+from robustopt.certificate.worst import Thoroughness, check_contacts
 from robustopt.config import Config
 from robustopt.errors import SolverFailed
-
-if TYPE_CHECKING:
-    from robustopt.solvers import Plan
+from robustopt.solvers import Plan
+from robustopt.solvers.same_task import require_same_task
 
 GRID_TOLERANCE = 1e-6
 """Violation on the grid that is forgiven, as a share of the limit: solvers meet their rows to about 1e-8, and the gauge
@@ -40,32 +40,34 @@ TIMING_TOLERANCE = 1e-6
 FEW_POINTS = 8
 """With fewer contact points an instant hardly takes less time."""
 
-TIMING = "timing"
-"""Name of the limit that x and u belong together and the robot starts, stops and ends at rest."""
-
 
 @dataclass(frozen=True)
 class Level:
     """How thoroughly to look.
 
-    between: shares of each interval; starts: random corners from which the search starts besides the configured values;
-    search: how it goes on; draws: random draws; per_bridge: instants of each draw at which bridges are looked at;
-    most_work: most instants times contact points, kept to by leaving intervals out; effort: most of these times draws,
-    kept to by drawing less
+    between: shares of each interval
+    starts: random corners from which the search starts besides the configured values
+    search: how it goes on
+    samples: random values of everything
+    per_program: instants of each sample at which contacts that share are looked at
+    shared_torques: instants of all stances on several contacts at which the torques are looked at
+    most_work: most instants times contact points, kept to by leaving intervals out
+    effort: most of these times samples, kept to by taking fewer
     """
 
     between: tuple[float, ...]
     starts: int
     search: Thoroughness
-    draws: int
-    per_bridge: int
+    samples: int
+    per_program: int
+    shared_torques: int
     most_work: int
     effort: int
 
 
 LEVELS = {
-    "quick": Level((0.25, 0.5, 0.75), 0, Thoroughness(8, 3, 1e-5), 100, 2, 25_000, 1_000_000),
-    "full": Level((0.125, 0.25, 0.5, 0.75, 0.875), 4, Thoroughness(1, 4, 1e-7), 10_000, 10, 10**12, 10**12),
+    "quick": Level((0.25, 0.5, 0.75), 0, Thoroughness(8, 3, 1e-5), 100, 2, 40, 25_000, 1_000_000),
+    "full": Level((0.125, 0.25, 0.5, 0.75, 0.875), 4, Thoroughness(1, 4, 1e-7), 10_000, 10, 400, 10**12, 10**12),
 }
 """quick takes 0.2 to 0.6 s at 200 intervals, full 20 s for two boxes to 100 s for a bridge, on one core."""
 
@@ -80,11 +82,13 @@ class Margin:
 
 @dataclass(frozen=True)
 class Worst:
-    """Where the margin is smallest, and for which values of the uncertain parameters.
+    """Place and parameters of the smallest margin.
 
-    limit: in the configuration's words; s, t: place on the path and time [s]; on_grid: at a grid point or between two;
-    parameters: friction [1], mass [kg], center_of_mass and contact_points (displacements [m]), joint_acceleration
-    (error [rad/s^2]), each by name, as far as they are uncertain or matter
+    limit: in the configuration's words
+    s, t: place on the path, and time [s]
+    on_grid: True at a grid point, False between two
+    parameters: friction [1], force [N], mass [kg], center_of_mass and contact_points (displacements [m]) and
+        joint_acceleration (error [rad/s^2 or m/s^2]), each by name, as far as they are uncertain or matter
     """
 
     limit: str
@@ -104,11 +108,15 @@ class Worst:
 
 @dataclass(frozen=True)
 class Certificate:
-    """Whether a plan keeps its limits for the values that were looked at, and how narrowly.
+    """Result of the check of a plan for the values that were looked at.
 
-    margin: worst over everything, as a share of the limit, negative if violated; margins: per named limit; draws:
-    random draws of all uncertain values; tests: utilisations that were computed or bounded; intervals,
-    intervals_checked: of the plan, and how many of them were looked at; seconds: time it took
+    passed: whether the plan keeps its limits
+    margin: the smallest of all, as a share of the limit, negative if it is violated; margins: per named limit
+    worst: where and for which values it is found
+    samples: random samples of all uncertain values
+    tests: utilisations that were computed or bounded
+    intervals, intervals_checked: of the plan, and the number of those that were looked at
+    seconds: time it took
     """
 
     passed: bool
@@ -117,7 +125,7 @@ class Certificate:
     margins: Mapping[str, Margin]
     level: str
     seed: int
-    draws: int
+    samples: int
     tests: int
     instants: int
     intervals: int
@@ -126,9 +134,9 @@ class Certificate:
 
     @property
     def sentence(self) -> str:
-        """The result in a few sentences, with advice where solvers cannot do better on their grid."""
+        """Return the result in a few sentences, with advice if solvers cannot do better on their grid."""
         verdict = "passes" if self.passed else "fails"
-        effort = f"{self.level}: {self.draws} draws, {self.tests} tests"
+        effort = f"{self.level}: {self.samples} samples, {self.tests} tests"
         if self.intervals_checked < self.intervals:
             effort += f", {self.intervals_checked} of {self.intervals} intervals"
         advice = ""
@@ -137,31 +145,44 @@ class Certificate:
         return f"The plan {verdict} its certificate ({effort}). {self.worst}.{advice}"
 
 
-def certify(config: Config, plan: Plan, level: str = "quick", seed: int = 0) -> Certificate:
-    """Check a plan: `quick` within about a second, `full` with 10,000 random draws and more of the worst cases.
+def certify(plan: Plan, level: str = "quick", seed: int = 0, config: Config | None = None) -> Certificate:
+    """Check a plan, independently of the solver that made it.
 
     Looks at both ends of every interval of the grid and in between, with the configured values, with the worst ends of
-    all intervals (searched), and with random values of everything at once. The same seed gives the same certificate.
-    Raises SolverFailed if the plan has no timing or not a finite one, and ValueError for an unknown level.
+    all intervals, which it searches, and with random values of everything at once. The same seed gives the same
+    certificate.
+
+    Args:
+        plan: the plan.
+        level: `quick`, within about a second, or `full`, with 10,000 random samples and more of the worst cases.
+        seed: of the random samples.
+        config: a configuration of the same task whose frictions, masses and intervals count; by default that of the
+            plan.
+
+    Returns:
+        The certificate, which says whether the plan keeps its limits.
+
+    Raises:
+        ConfigError: the configuration is of another task than the plan.
+        SolverFailed: the plan has no timing or not a finite one.
+        ValueError: there is no such level.
     """
     if level not in LEVELS:
         raise ValueError(f"level must be one of {', '.join(LEVELS)}, not {level!r}")
+    if config is not None:
+        require_same_task(config, plan)
     if len(plan.x) == 0:
         raise SolverFailed(f"there is no timing to check: {getattr(plan, 'message', 'the plan is empty')}")
     if not (np.isfinite(plan.x).all() and np.isfinite(plan.u).all()):
         raise SolverFailed("the timing has numbers that are not finite")
     began = time.perf_counter()
-    how = LEVELS[level]
-    scene = None if config.walks else build_scene(config, plan.problem.robot.joint_names)
+    config, how = config or plan.problem.config, LEVELS[level]
     intervals = int(np.count_nonzero(np.diff(plan.s) > 0.0))
-    between, every = _thinned(how, intervals, FEW_POINTS if scene is None else scene.points.shape[1])
+    between, every = _thinned(how, intervals, contact_points(config))
     at = instants(plan, between, every)
-    tally = Tally(at.grid)
+    world, tally = build_world(config, plan.problem.robot, plan.problem.path, stances(plan, at)), Tally(at.grid)
     _check_timing(plan, at, tally)
-    if scene is None:
-        draws = check_walk(config, plan, at, level, how.draws, seed, tally)
-    else:
-        draws = _check(scene, motion(plan, at), how, np.random.default_rng(seed), tally)
+    samples = _check(plan, world, at, how, np.random.default_rng(seed), tally)
     worst = _worst(tally, at)
     return Certificate(
         passed=all(_passes(found, on_grid) for (_, on_grid), found in tally.worst.items()),
@@ -170,7 +191,7 @@ def certify(config: Config, plan: Plan, level: str = "quick", seed: int = 0) -> 
         margins=_margins(tally),
         level=level,
         seed=seed,
-        draws=draws,
+        samples=samples,
         tests=tally.tests,
         instants=len(at.s),
         intervals=intervals,
@@ -180,33 +201,56 @@ def certify(config: Config, plan: Plan, level: str = "quick", seed: int = 0) -> 
 
 
 def _thinned(how: Level, intervals: int, points: int) -> tuple[tuple[float, ...], int]:
-    """Places in each interval and the step between intervals that keep to the level's work."""
+    """Return the places in each interval and the step between intervals that keep to the level's work."""
     between, most = how.between, how.most_work // max(points, FEW_POINTS)
     if intervals * (2 + len(between)) > most:
         between = (0.5,)
     return between, max(1, -(-intervals * (2 + len(between)) // most))
 
 
-def _check(scene: Scene, moving: Motion, how: Level, rng: np.random.Generator, tally: Tally) -> int:
-    """Look at all limits; returns the number of random draws."""
-    count = len(moving.free)
-    check_kinematics(scene, moving, tally)
-    check_torque(scene, moving, scene.nominal.repeated(count), tally)
-    starts = [scene.nominal.repeated(count)]
-    starts += [scene.draw(rng, count, corners=True) for _ in range(how.starts if scene.uncertain else 0)]
-    for system in scene.systems:
-        check_contacts(scene, moving, system, starts, how.search, tally)
-    if not scene.uncertain:
+def _check(plan: Plan, world: World, at: Instants, how: Level, rng: np.random.Generator, tally: Tally) -> int:
+    """Look at all limits, and return the number of random samples."""
+    moving, joints = motion(plan, at, world.links)
+    robot, count = plan.problem.robot, len(at.s)
+    limits = robot.limits.torque[robot.motors]
+    check_kinematics(world, joints, at.free, robot.limits, tally)
+    check_places(plan, at, tally)
+    starts = [world.nominal.repeated(count)]
+    starts += [world.sample(rng, count, corners=True) for _ in range(how.starts if world.uncertain else 0)]
+    known = [] if robot.base else [Torques(joints, limits, None)]
+    for part in known:
+        check_torque(world, moving, part.joints, limits, tally)
+    shared = sum(system.at is not None and not system.simple for system in world.systems)
+    for system in world.systems:
+        if system.at is None:
+            check_contacts(world, system, moving, starts, how.search, tally)
+            continue
+        there, own = moving.at(system.at), joints.at(system.at)
+        worst = check_contacts(world, system, there, [start.at(system.at) for start in starts], how.search, tally)
+        if system.simple:
+            own = own.standing_on(world.contacts[system.contacts[0]].patch.name, there)
+            known.append(Torques(own, limits, system.at))
+            check_torque(world, there, own, limits, tally, system.at)
+        else:
+            check_shared_torque(world, system, there, own, limits, worst, how.shared_torques // shared, tally)
+    return _check_samples(world, moving, known, how, rng, tally)
+
+
+def _check_samples(
+    world: World, moving: Motion, known: list[Torques], how: Level, rng: np.random.Generator, tally: Tally
+) -> int:
+    """Look at random values of everything, half of them at the ends of their intervals; returns their number."""
+    if not world.uncertain:
         return 0
-    work = count * max(scene.points.shape[1], FEW_POINTS)
-    draws: int = max(2, min(how.draws, how.effort // work)) // 2
+    work = len(moving.free) * max(sum(len(contact.patch.polygon) for contact in world.contacts), FEW_POINTS)
+    half = max(2, min(how.samples, how.effort // work)) // 2
     for corners in (False, True):
-        check_draws(scene, moving, scene.draw(rng, draws, corners), how.per_bridge, tally)
-    return 2 * draws
+        check_samples(world, moving, known, world.sample(rng, half, corners), how.per_program, tally)
+    return 2 * half
 
 
 def _check_timing(plan: Plan, at: Instants, tally: Tally) -> None:
-    """x piecewise linear with slope 2 u, not negative, and 0 where the robot must stand still."""
+    """Check that x is piecewise linear with slope 2 u, not negative, and 0 where the robot must stand still."""
     ds = np.diff(plan.s)
     moving = ds > 0.0
     jump = np.where(moving, np.abs(np.diff(plan.x) - 2.0 * ds * plan.u), 0.0)
@@ -218,7 +262,7 @@ def _check_timing(plan: Plan, at: Instants, tally: Tally) -> None:
     where = int(np.argmax(off))
     grid = np.flatnonzero(at.grid)
     instant = int(grid[np.argmin(np.abs(at.s[grid] - plan.s[where]))])
-    tally.add(TIMING, Found(float(off[where]) / size, instant, TIMING, {}))
+    tally.add(names.TIMING, Found(float(off[where]) / size, instant, names.TIMING, {}))
 
 
 def _passes(found: Found, on_grid: bool) -> bool:

@@ -1,82 +1,106 @@
-"""Contact points with exact Coulomb cones: what forces at them exert on the blocks that they carry.
+"""Contact points with exact Coulomb cones: the wrenches that forces at them exert on blocks.
 
-A force f at a contact point p (normal z) is possible if |(f_x, f_y)| <= mu f_z. Its coordinates are
-(f_z, f_x / mu, f_y / mu), in which its cone is |(c_1, c_2)| <= c_0; where a face has axes of its own, x, y and z are
-these. It acts with + on the block above the point and
-with - on the block below. Wrenches are force then moment about the origin of the points, those of K blocks stacked,
-(6 K, ...). Many programs are treated at once, as arrays whose last axis, T, counts them.
+A force f at a contact point p with normal z is possible if |(f_x, f_y)| <= mu f_z. Its coordinates are
+c = (f_z, f_x / mu, f_y / mu), so that its cone is |(c_1, c_2)| <= c_0. The force acts with + on the block above the
+point and with - on the block below. Wrenches are force then moment about the origin of the points.
+
+The rows of a program are the wrenches of K blocks stacked, 6 K, then one row per closing force, the sum of the normal
+forces of a driven finger, then one row per cut, a linear form of the forces. Many programs are treated at once, as
+arrays whose last axis T counts them.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.optimize import linprog
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Indices = NDArray[np.intp]
+from robustopt.arrays import Array, Flags, Indices
 
 CENTERED = 1e-9
 """Distance, in units of the points, by which explicit pressure may miss its centre: rounding errors."""
 
+EDGES = 16
+"""Edges of the pyramids around the cones when a direction inside their dual cones is sought."""
+
 
 @dataclass(frozen=True, eq=False)
 class Face:
-    """Contact points `first` to `last` (excluded) press on block `above` from block `below`, -1 for the ground.
+    """Contact points `first` to `last` (excluded) of block `above`, against block `below` or, at -1, the ground.
 
-    axes: of the face as columns (3, 3), its normal last; those of the wrenches without. The normals of all faces and
-    the forces in their cones must have a positive part along z.
+    axes: of the face as columns (3, 3), its normal last; those of the wrenches if None
+    closing: index of the closing force that the normal forces of the face add up to, -1 for none
     """
 
     first: int
     last: int
     above: int
-    below: int
+    below: int = -1
     axes: Array | None = None
+    closing: int = -1
+
+    @property
+    def part(self) -> slice:
+        """Return the points of the face among all points."""
+        return slice(self.first, self.last)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Contacts:
     """Contact points of K blocks in T programs.
 
-    faces: who stands on whom; a block comes after all that it stands on
+    faces: contacts of the blocks; a block comes after all that support it
     point: (3, n, T) contact points, [m] or any other unit of length; an axis T of length 1 is for all programs
     mu: (n, T) coefficients of friction
+    inside: (rows,) direction strictly inside the dual cones of all points, see `inner_direction`
+    cuts: (C, 3, n, T) linear forms of the force coordinates that must not be negative
     """
 
     faces: tuple[Face, ...]
     point: Array
     mu: Array
+    inside: Array
+    cuts: Array | None = None
 
     @property
-    def blocks(self) -> int:
-        return 1 + max(face.above for face in self.faces)
+    def rows(self) -> int:
+        """Return the number of rows without the cuts."""
+        return len(self.inside)
 
     def __getitem__(self, chosen: slice | Indices) -> Contacts:
-        """The contacts of some of the programs."""
+        """Return the contacts of some of the programs."""
         point = self.point if self.point.shape[-1] == 1 else self.point[..., chosen]
         mu = self.mu if self.mu.shape[-1] == 1 else self.mu[..., chosen]
-        return Contacts(self.faces, point, mu)
+        return replace(self, point=point, mu=mu, cuts=None if self.cuts is None else self.cuts[..., chosen])
+
+    def extra(self, face: Face) -> list[slice]:
+        """Return the rows of a face besides those of its wrench: its closing force, and all cuts."""
+        row = 6 * (1 + max(other.above for other in self.faces)) + face.closing
+        own = [slice(row, row + 1)] if face.closing >= 0 else []
+        return own if self.cuts is None else [*own, slice(self.rows, self.rows + len(self.cuts))]
 
     def seen(self, y: Array) -> Array:
-        """A_i^T y, the part of y (6 K, T) that a force at point i sees, in the coordinates of forces, (3, n, T)."""
+        """Return A_i^T y, the part of y (rows, T) that a force at point i sees, in force coordinates, (3, n, T)."""
         out = np.empty((3, self.mu.shape[0], y.shape[-1]))
         for face in self.faces:
-            part = slice(face.first, face.last)
+            part = face.part
             (px, py, pz), mu = self.point[:, part], self.mu[part]
             fx, fy, fz, mx, my, mz = _at(y, face.above) if face.below < 0 else _at(y, face.above) - _at(y, face.below)
             seen = fx + my * pz - mz * py, fy + mz * px - mx * pz, fz + mx * py - my * px
             if face.axes is not None:
                 seen = tuple(np.einsum("i,inT->nT", axis, np.stack(seen)) for axis in face.axes.T)
             out[0, part], out[1, part], out[2, part] = seen[2], mu * seen[0], mu * seen[1]
+            if face.closing >= 0:
+                out[0, part] += y[self.extra(face)[0]]
+        if self.cuts is not None:
+            out += np.einsum("cint,ct->int", self.cuts, y[self.rows :])
         return out
 
     def wrenches(self, face: Face, c: Array) -> Array:
-        """Wrench of the forces with coordinates c (3, ..., n_face, T) at each point of a face, (6, ..., n_face, T)."""
-        part = slice(face.first, face.last)
-        (px, py, pz), mu = self.point[:, part], self.mu[part]
+        """Return the wrench of a force c (3, ..., n_face, T) at each point of a face, (6, ..., n_face, T)."""
+        (px, py, pz), mu = self.point[:, face.part], self.mu[face.part]
         out = np.empty((6, *c.shape[1:]))
         fx, fy, fz = np.multiply(mu, c[1], out=out[0]), np.multiply(mu, c[2], out=out[1]), c[0]
         out[2] = fz
@@ -88,88 +112,146 @@ class Contacts:
         out[5] = px * fy - py * fx
         return out
 
+    def columns(self, face: Face, c: Array) -> Array:
+        """Return `wrenches` with the extra rows of the face behind them; c (3, 3, n_face, T)."""
+        wrenches = self.wrenches(face, c)
+        parts = [wrenches] if face.closing < 0 else [wrenches, c[:1]]
+        if self.cuts is not None:
+            parts.append(np.einsum("cint,iknt->cknt", self.cuts[:, :, face.part], c))
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
     def pressed(self, c: Array) -> Array:
-        """sum_i A_i c_i, what forces with coordinates c (3, n, T) exert on the blocks, (6 K, T)."""
-        out = np.zeros((6 * self.blocks, c.shape[-1]))
+        """Return sum_i A_i c_i, the rows that forces c (3, n, T) exert, (rows, T)."""
+        out = np.zeros((self.rows + (0 if self.cuts is None else len(self.cuts)), c.shape[-1]))
         for face in self.faces:
-            wrench = self.wrenches(face, c[:, face.first : face.last]).sum(axis=1)
+            own = c[:, face.part]
+            wrench = self.wrenches(face, own).sum(axis=1)
             _at(out, face.above)[:] += wrench
             if face.below >= 0:
                 _at(out, face.below)[:] -= wrench
+            if face.closing >= 0:
+                out[self.extra(face)[0]] += own[0].sum(axis=0)
+        if self.cuts is not None:
+            out[self.rows :] = np.einsum("cint,int->ct", self.cuts, c)
         return out
-
-    def levels(self) -> Array:
-        """Heights of the blocks, (K,): 1 on the ground, at least 1 more than every block that is stood on."""
-        level = np.ones(self.blocks)
-        for face in sorted(self.faces, key=lambda face: face.above):
-            if face.below >= 0:
-                level[face.above] = max(level[face.above], 1.0 + level[face.below])
-        return level
 
 
 def _at(y: Array, block: int) -> Array:
     return y[6 * block : 6 * block + 6]
 
 
+def inner_direction(faces: Sequence[Face], friction: Sequence[float]) -> Array:
+    """Return a direction (rows,) strictly inside the dual cones of the points of all faces.
+
+    It is the shortest one, without moments, along which each force on the edge of a cone has a part of at least 1.
+
+    Args:
+        faces: the faces, without cuts.
+        friction: largest coefficient of friction of each face.
+
+    Raises:
+        ValueError: contacts can press against each other with any force, so there is no such direction.
+    """
+    blocks, closings = 1 + max(face.above for face in faces), 1 + max(face.closing for face in faces)
+    angle, rows = 2.0 * np.pi * np.arange(EDGES) / EDGES, []
+    for face, mu in zip(faces, friction, strict=True):
+        across = mu / np.cos(np.pi / EDGES)
+        edges = np.column_stack([across * np.cos(angle), across * np.sin(angle), np.ones(EDGES)])
+        row = np.zeros((EDGES, 3 * blocks + closings))
+        row[:, 3 * face.above : 3 * face.above + 3] = edges if face.axes is None else edges @ face.axes.T
+        if face.below >= 0:
+            row[:, 3 * face.below : 3 * face.below + 3] = -row[:, 3 * face.above : 3 * face.above + 3]
+        if face.closing >= 0:
+            row[:, 3 * blocks + face.closing] = 1.0
+        rows.append(row)
+    found = np.vstack(rows)
+    cost = np.ones(2 * found.shape[1])
+    answer = linprog(cost, A_ub=-np.hstack([found, -found]), b_ub=-np.ones(len(found)), method="highs")
+    if answer.x is None:
+        raise ValueError("contacts can press against each other with any force: their cones span all directions")
+    inner = answer.x[: found.shape[1]] - answer.x[found.shape[1] :]
+    force = inner[: 3 * blocks].reshape(blocks, 3)
+    return np.concatenate([np.hstack([force, np.zeros((blocks, 3))]).ravel(), inner[3 * blocks :]])
+
+
 def single_block(points: Array, mu: float) -> Contacts:
-    """Contacts of one block on the ground at `points` (n, 3)."""
+    """Return the contacts of one block on the ground at `points` (n, 3)."""
     points = np.asarray(points, dtype=float)
-    return Contacts((Face(0, len(points), 0, -1),), points.T[:, :, None].copy(), np.full((len(points), 1), mu))
+    faces = (Face(0, len(points), 0),)
+    return Contacts(faces, points.T[:, :, None].copy(), np.full((len(points), 1), mu), inner_direction(faces, [mu]))
 
 
 def even_pressure(contacts: Contacts, programs: int) -> Array:
-    """Wrenches on the blocks of equal normal forces, 1 in sum, at all points, (6 K, programs)."""
+    """Return the rows of equal normal forces, 1 in sum, at all points, (rows, programs)."""
     c = np.zeros((3, contacts.mu.shape[0], programs))
     c[0] = 1.0 / c.shape[1]
     return contacts.pressed(c)
 
 
 def simply_held(contacts: Contacts, wrench: Array) -> Flags:
-    """Whether one simple choice of forces balances a wrench (6, ...) on one block on the ground.
+    """Return whether one simple choice of forces balances a wrench (6, ...) on one block on the ground.
 
-    The points must be the corners of a convex polygon, counter-clockwise, in the plane z = 0. They share the load in
-    Wachspress's coordinates l_i of its centre of pressure c, which are positive inside the polygon:
+    The points must be the corners of a convex polygon, counter-clockwise, in the plane z = 0. They share the normal
+    force in Wachspress's coordinates l_i of its centre of pressure c, which are positive inside the polygon:
     l_i ~ area(p_{i-1}, p_i, p_{i+1}) / (area(c, p_{i-1}, p_i) area(c, p_i, p_{i+1})). Friction is the same share t of
-    the pressure at all points, plus what makes the moment: a turn about c, or a part across t proportional to the
-    place along t. Explicit forces: sufficient, not necessary, and a hundred times quicker than a search for them. Any
-    axes may follow, if those of contacts and wrench broadcast.
+    the pressure at all points, plus a part that makes the moment: a rotation about c, or a part across t proportional
+    to the place along t. Explicit forces are sufficient, not necessary, and a hundred times quicker than a search for
+    them. Any axes may follow, if those of contacts and wrench broadcast.
     """
-    if contacts.blocks > 1 or contacts.mu.shape[0] < 3 or np.any(contacts.point[2]):
+    if len(contacts.faces) > 1 or contacts.mu.shape[0] < 3 or np.any(contacts.point[2]):
         return np.zeros(wrench.shape[1:], dtype=bool)
     fx, fy, fz, mx, my, mz = wrench
     held = np.asarray(fz < 0.0)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         for part in _polygons(contacts.mu.shape[0]):
-            chosen = contacts.point[:2, part], contacts.mu[part]
-            held = held | _wachspress_holds(*chosen, fx / fz, fy / fz, -my / fz, mx / fz, mz / fz)
+            point, mu = contacts.point[:2, part], contacts.mu[part]
+            share = _wachspress(point, -my / fz, mx / fz)
+            held = held | spread_holds(point, mu, share, (fx / fz, fy / fz), mz / fz, (-my / fz, mx / fz))
             if held.all():
                 break
     return np.asarray((fz > 0.0) & held)
 
 
 def _polygons(points: int) -> list[slice]:
-    """All points, and if they are many also some polygons of four or five of them.
+    """Return all points, and if they are many also some polygons of four or five of them.
 
-    What is round is not convex any more once its points have been displaced, but a few of them still are.
+    Round faces are not convex any more once their points have been displaced, but a few of their points still are.
     """
     step = points // 4
     return [slice(None)] + [slice(first, None, step) for first in range(step)] * (points > 8)
 
 
-def _wachspress_holds(point: Array, mu: Array, tx: Array, ty: Array, cx: Array, cy: Array, mz: Array) -> Flags:
-    """`simply_held` for a unit load with friction (tx, ty), centre of pressure (cx, cy) and moment mz."""
+def _wachspress(point: Array, cx: Array, cy: Array) -> Array:
+    """Return shares (n, ...) of a force at (cx, cy) between the corners of a polygon (2, n, ...), else not a number."""
     px, py = point
     n = len(px)
     ex, ey = (np.stack([values[(i + 1) % n] - values[i] for i in range(n)]) for values in (px, py))
-    rx, ry = px - cx, py - cy
-    area = rx * ey - ry * ex
-    inside = (area > 0.0).all(axis=0)
+    area = (px - cx) * ey - (py - cy) * ex
     share = np.stack([(ex[i - 1] * ey[i] - ey[i - 1] * ex[i]) / (area[i - 1] * area[i]) for i in range(n)])
     share /= share.sum(axis=0)
-    centered = np.abs((share * rx).sum(axis=0)) + np.abs((share * ry).sum(axis=0)) < CENTERED
-    if not np.any(inside & centered):
-        return np.asarray(inside & centered)
-    twist, limit = mz - cx * ty + cy * tx, mu**2
+    return np.where((area > 0.0).all(axis=0), share, np.nan)
+
+
+def spread_holds(
+    point: Array, mu: Array, share: Array, friction: tuple[Array, Array], moment: Array, center: tuple[Array, Array]
+) -> Flags:
+    """Return whether a unit normal force with given shares allows friction and moment about the normal.
+
+    Args:
+        point: (2, n, ...) contact points in their plane.
+        mu: (n, ...) coefficients of friction.
+        share: (n, ...) shares of the normal force, 1 in sum.
+        friction: the two parts of the friction force, (...) each.
+        moment: (...) about the normal at the origin.
+        center: the two coordinates of the centre of pressure, (...) each.
+    """
+    (tx, ty), (cx, cy) = friction, center
+    rx, ry = point[0] - cx, point[1] - cy
+    possible = np.abs((share * rx).sum(axis=0)) + np.abs((share * ry).sum(axis=0)) < CENTERED
+    possible &= (share >= 0.0).all(axis=0)
+    if not np.any(possible):
+        return np.asarray(possible)
+    twist, limit = moment - cx * ty + cy * tx, mu**2
     size = tx * tx + ty * ty
     across, square = rx * ty - ry * tx, rx * rx + ry * ry
     turn = twist / (share * square).sum(axis=0)
@@ -177,4 +259,4 @@ def _wachspress_holds(point: Array, mu: Array, tx: Array, ty: Array, cx: Array, 
     along = (rx * tx + ry * ty) ** 2
     lean = twist / (share * along).sum(axis=0)
     leaned = (size * (1.0 + lean * lean * along) <= limit).all(axis=0)
-    return np.asarray(inside & centered & (share >= 0.0).all(axis=0) & (turned | leaned))
+    return np.asarray(possible & (turned | leaned))

@@ -1,9 +1,9 @@
-"""Whether contact forces in exact Coulomb cones balance a wrench, and how far from the limit it is.
+"""Force closure on exact Coulomb cones: do contact forces balance a wrench, and how far from the limit is it?
 
-K blocks balance when forces exist in the cones of all contact points whose wrenches sum to what the blocks require, w,
-shape (6 K,). All such sums form a convex cone C.
+K blocks balance if forces exist in the cones of all contact points whose wrenches sum to the required wrench w, (6 K,),
+and whose closing forces are as given. All such sums form a convex cone C.
 
-The gauge of a wrench rest + move, seen from a wrench `rest` inside the cone, is
+The gauge of rest + move, seen from rows `rest` inside the cone, is
 
     gamma = min {g >= 0: g rest + move in C},
 
@@ -14,7 +14,8 @@ centre of pressure has gone for a block that tips. It is a second-order cone pro
     max -y move  s.t.  A_i^T y in the (self-dual) cone of point i,  y rest <= 1,
 
 solved by a primal-dual interior-point method with Nesterov and Todd's scaling and Mehrotra's predictor and corrector.
-The iterates y are feasible throughout, so each bounds gamma from below; forces that balance bound it from above.
+The iterates y are feasible throughout, so each bounds gamma from below; forces that balance bound it from above. A cut
+adds a row, a variable z >= 0 that it must equal, and y <= 0 for it. The multiplier g and all z are the *levels* here.
 """
 
 from __future__ import annotations
@@ -23,7 +24,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robustopt.certificate.contact_points import Array, Contacts, Flags, Indices, even_pressure, simply_held
+from robustopt.arrays import Array, Flags, Indices
+from robustopt.certificate.cone_algebra import Scaling, cholesky, divide, ray, reach, solve, square
+from robustopt.certificate.contact_points import Contacts, Face, even_pressure
 
 GAP = 1e-8
 """Width of the bracket of gamma, and unbalanced share of the wrench, at which a program is solved: a hundredth of the
@@ -44,10 +47,6 @@ MOST = 1e4
 BACK_OFF = 0.99
 """Share of the way to the boundary of the cones that a step takes."""
 
-REGULAR = 1e-14
-"""Smallest pivot of the normal equations as a share of their trace: a patch that is a line or a point has no stiffness
-in some directions."""
-
 CHUNK = 1024
 """Programs solved together: few enough for the cache, enough to hide the cost of an array operation."""
 
@@ -56,35 +55,54 @@ CHUNK = 1024
 class Gauge:
     """Solutions of T programs.
 
-    value: (T,) gamma, from forces that balance, infinite where there are none; lower: (T,) bound from below;
-    y: (6 K, T) the limit that is nearest, y w >= 0 for all w in the cone
+    value: (T,) gamma, from forces that balance, infinite if there are none
+    lower: (T,) bound from below
+    y: (rows, T) the limit that is nearest: y w >= 0 for all w in the cone
+    force: (3, n, T) coordinates of the forces
     """
 
     value: Array
     lower: Array
     y: Array
+    force: Array
 
 
 def gauge(contacts: Contacts, rest: Array, move: Array, good_enough: Array | float = 0.0, gap: float = GAP) -> Gauge:
-    """Smallest g with g rest + move in the cone, both (6 K, T), to within `gap`; any g <= good_enough (T,) will do.
+    """Return the smallest g with g rest + move in the cone, to within `gap`.
 
-    Wrenches and lengths of order 1 are best: divide forces by the weight and lengths by the size of the patch.
+    Forces divided by the weight and lengths divided by the size of the patch are best.
+
+    Args:
+        contacts: contact points of T programs.
+        rest: (rows, T) seen from here.
+        move: (rows, T).
+        good_enough: (T,) any g up to this one will do.
+        gap: accuracy.
     """
     count = rest.shape[-1]
     enough = np.broadcast_to(np.asarray(good_enough, dtype=float), (count,))
-    value, lower, y = np.empty(count), np.empty(count), np.empty(rest.shape)
+    value, lower, force = np.empty(count), np.empty(count), np.empty((3, contacts.mu.shape[0], count))
+    rest, move = _with_cuts(contacts, rest), _with_cuts(contacts, move)
+    y = np.empty(rest.shape)
     for begin in range(0, count, CHUNK):
         part = slice(begin, begin + CHUNK)
         programs = _InteriorPoint(contacts[part], rest[:, part], move[:, part], enough[part], gap).solve()
         value[part], lower[part], y[:, part] = programs.value, programs.lower, programs.direction
+        force[..., part] = programs.best
         lost = np.flatnonzero(np.isinf(programs.value) & (programs.left_over_size < NEARLY))
         if len(lost) and gap < NEARLY:
             value[part][lost] = _with_left_over(contacts[part][lost], rest[:, part][:, lost], programs, lost)
-    return Gauge(value, lower, y)
+    return Gauge(value, lower, y[: contacts.rows], force)
+
+
+def _with_cuts(contacts: Contacts, rows: Array) -> Array:
+    """Return rows with those of the cuts behind them, 0 if there are none yet."""
+    total = contacts.rows + (0 if contacts.cuts is None else len(contacts.cuts))
+    return np.concatenate([rows, np.zeros((total - len(rows), rows.shape[-1]))]) if total > len(rows) else rows
 
 
 def _with_left_over(contacts: Contacts, rest: Array, programs: _InteriorPoint, lost: Indices) -> Array:
-    """Gauges (T,) of programs that rounding errors keep from balancing to the last digits.
+    """Return the gauges (T,) of programs that rounding errors keep from balancing to the last digits.
 
     g rest + move - r is balanced, r the wrench that is left over, and h rest + r for the gauge h of r; so
     (g + h) rest + move is balanced too. h is in proportion to the length of r, which is small.
@@ -94,55 +112,57 @@ def _with_left_over(contacts: Contacts, rest: Array, programs: _InteriorPoint, l
     return np.asarray(programs.reached[lost] + size * gauge(contacts, rest, direction, gap=NEARLY).value)
 
 
-def gauge_from_rest(
-    contacts: Contacts, rest: Array, move: Array, good_enough: Array | float = 0.0, gap: float = GAP
-) -> Gauge:
-    """`gauge`, but seen from an even pressure where the contacts cannot hold `rest`.
-
-    Either way the value is at most 1 exactly where forces balance rest + move.
-    """
-    held = simply_held(contacts, rest)
-    even = np.zeros_like(rest)
-    doubtful = np.flatnonzero(~held)
-    if len(doubtful):
-        even[:, doubtful] = even_pressure(contacts[doubtful], len(doubtful))
-        at_rest = gauge(contacts[doubtful], even[:, doubtful], (rest - even)[:, doubtful], 1.0)
-        held[doubtful] = at_rest.value <= 1.0 + GAP
-    return gauge(contacts, np.where(held, rest, even), np.where(held, move, rest + move - even), good_enough, gap)
+def seen_from(contacts: Contacts, held: Flags, rest: Array, move: Array) -> tuple[Array, Array]:
+    """Return `rest` and `move`, but with an even pressure for `rest` if that is not held."""
+    if held.all():
+        return rest, move
+    even = even_pressure(contacts, rest.shape[-1])
+    return np.where(held, rest, even), np.where(held, move, rest + move - even)
 
 
 class _InteriorPoint:
     """State of the iteration for the T programs that are not solved yet.
 
-    force, slack: (3, n, T) coordinates of the forces and the dual cones' slacks; g, slack_g: (T,) the last variable and
-    its slack 1 - y rest; y: (6 K, T); index: (T,) which programs of the caller these are; reached, left_over: g and the
-    wrench that is not balanced, of the best iterate, (T,) and (6 K, T)
+    force, slack: (3, n, T) coordinates of the forces and the dual cones' slacks; level, slack_level: (1 + C, T) g and
+    the values of the cuts, and their slacks 1 - y rest and -y; y: (rows, T); index: (T,) which programs of the caller
+    these are; reached, left_over, best: g, the wrench that is not balanced and the forces of the best iterate, (T,),
+    (rows, T) and (3, n, T)
     """
 
     def __init__(self, contacts: Contacts, rest: Array, move: Array, enough: Array, gap: float) -> None:
         self.contacts, self.rest, self.move, self.enough, self.gap = contacts, rest, move, enough, gap
         count, points = rest.shape[-1], contacts.mu.shape[0]
-        level = contacts.levels()
-        up = level @ rest[2::6]
+        up = contacts.inside @ rest[: contacts.rows]
         pressing = up > 0.0
         up = np.where(pressing, up, 1.0)
         self.y = np.zeros_like(rest)
-        self.y[2::6] = 0.5 * level[:, None] / up
+        self.y[: contacts.rows] = 0.5 * contacts.inside[:, None] / up
         self.force = np.zeros((3, points, count))
         self.force[0] = up / points
+        self.level = np.ones((1, count))
+        if contacts.cuts is not None:
+            self._open_cuts(contacts.cuts, up)
         self.slack, self.residual = np.empty_like(self.force), np.empty_like(rest)
-        self.g, self.slack_g, self.product = np.ones(count), np.empty(count), np.empty(count)
+        self.slack_level, self.product = np.empty_like(self.level), np.empty(count)
         self.index = np.arange(count)
         self.value = np.full(count, np.inf)
         self.lower = np.where(pressing, 0.0, np.inf)
         self.error = np.full(count, np.inf)
-        self.direction = self.y.copy()
+        self.direction, self.best = self.y.copy(), self.force.copy()
         self.reached, self.left_over = np.full(count, np.inf), np.zeros_like(rest)
         self.left_over_size = np.full(count, np.inf)
         self._keep(pressing)
 
+    def _open_cuts(self, cuts: Array, up: Array) -> None:
+        """Start the cuts: positive values, and y so little below 0 that it stays inside the dual cones."""
+        seen = self.contacts.seen(self.y)
+        room = seen[0] - np.sqrt(seen[1] ** 2 + seen[2] ** 2)
+        size = np.sqrt((cuts**2).sum(axis=1)).sum(axis=0)
+        self.y[self.contacts.rows :] = -0.25 * (room / np.maximum(size, 1e-300)).min(axis=0)
+        self.level = np.concatenate([self.level, np.repeat(up[None], len(cuts), axis=0)])
+
     def solve(self) -> _InteriorPoint:
-        """Iterate until all programs are solved; `value`, `lower` (T,) and `direction` (6 K, T) are their solutions.
+        """Iterate until all programs are solved; `value`, `lower` (T,) and `direction` (rows, T) are their solutions.
 
         A program at the end of its numerical precision may break down; its best iterate counts.
         """
@@ -154,33 +174,47 @@ class _InteriorPoint:
                     self._iterate()
         return self
 
+    def _along(self, level: Array) -> Array:
+        """Return the rows of g rest and of the values of the cuts, (rows, T), for levels (1 + C, T)."""
+        out = self.rest * level[0]
+        out[self.contacts.rows :] += level[1:]
+        return out
+
+    def _onto(self, y: Array) -> Array:
+        """Return y rest and y of the cuts, (1 + C, T), for y (rows, T)."""
+        return np.concatenate([(self.rest * y).sum(axis=0)[None], y[self.contacts.rows :]])
+
     def _bracket(self) -> None:
-        """Slacks, bounds and residual of the iterate; puts aside the programs that are solved or hopeless."""
+        """Update slacks, bounds and residual of the iterate; put aside the programs that are solved or hopeless."""
         self.slack = self.contacts.seen(self.y)
-        self.slack_g = 1.0 - (self.rest * self.y).sum(axis=0)
+        self.slack_level = -self._onto(self.y)
+        self.slack_level[0] += 1.0
         lower = -(self.move * self.y).sum(axis=0)
-        self.residual = self.move + self.g * self.rest - self.contacts.pressed(self.force)
-        self.product = self.g * self.slack_g + (self.force * self.slack).sum(axis=(0, 1))
-        unbalanced = self._unbalanced()
-        enough = (unbalanced < GAP * (1.0 + self.g)) & (self.g <= self.enough)
-        error = np.maximum(unbalanced, self.g - lower) / (1.0 + self.g)
+        self.residual = self.move + self._along(self.level) - self.contacts.pressed(self.force)
+        self.product = (self.level * self.slack_level).sum(axis=0) + (self.force * self.slack).sum(axis=(0, 1))
+        unbalanced, g = self._unbalanced(), self.level[0]
+        enough = (unbalanced < GAP * (1.0 + g)) & (g <= self.enough)
+        error = np.maximum(unbalanced, g - lower) / (1.0 + g)
         better = enough | (error < self.error)
         found = self.index[better]
-        self.value[found] = np.where(enough | (error < max(self.gap, ROUGH_GAP)), self.g, np.inf)[better]
-        self.direction[:, found] = self.y[:, better]
-        self.reached[found], self.left_over[:, found] = self.g[better], self.residual[:, better]
+        self.value[found] = np.where(enough | (error < max(self.gap, ROUGH_GAP)), g, np.inf)[better]
+        self.direction[:, found], self.best[..., found] = self.y[:, better], self.force[..., better]
+        self.reached[found], self.left_over[:, found] = g[better], self.residual[:, better]
         self.left_over_size[found] = np.sqrt((self.residual[:, better] ** 2).sum(axis=0))
         self.lower[self.index] = np.maximum(self.lower[self.index], lower)
-        interior = (_square(self.force) > 0.0).all(axis=0) & (_square(self.slack) > 0.0).all(axis=0)
-        stuck = ~(interior & (self.slack_g > 0.0)) | (error > 100.0 * self.error) | ~np.isfinite(error)
+        interior = (square(self.force) > 0.0).all(axis=0) & (square(self.slack) > 0.0).all(axis=0)
+        interior &= (self.slack_level > 0.0).all(axis=0)
+        stuck = ~interior | (error > 100.0 * self.error) | ~np.isfinite(error)
         self.error = np.minimum(self.error, error)
         self._keep(~(enough | (error < self.gap) | (lower > MOST) | stuck))
 
     def _unbalanced(self) -> Array:
-        """Length of the residual, what friction must balance measured in units of the lowest friction, (T,)."""
-        rows = (self.residual**2).reshape(-1, 6, len(self.index)).sum(axis=0)
+        """Return the length (T,) of the residual, rows of friction in units of the lowest friction."""
+        wrenches = 6 * (1 + max(face.above for face in self.contacts.faces))
+        rows = (self.residual[:wrenches] ** 2).reshape(-1, 6, len(self.index)).sum(axis=0)
         friction = np.minimum(self.contacts.mu.min(axis=0), 1.0)
-        return np.asarray(np.sqrt(rows[2:5].sum(axis=0) + (rows[0] + rows[1] + rows[5]) / friction**2))
+        plain = rows[2:5].sum(axis=0) + (self.residual[wrenches:] ** 2).sum(axis=0)
+        return np.asarray(np.sqrt(plain + (rows[0] + rows[1] + rows[5]) / friction**2))
 
     def _keep(self, chosen: Flags) -> None:
         """Drop the programs that are not `chosen`."""
@@ -190,157 +224,80 @@ class _InteriorPoint:
         self.contacts = self.contacts[keep]
         self.rest, self.move, self.residual = self.rest[:, keep], self.move[:, keep], self.residual[:, keep]
         self.force, self.slack, self.y = self.force[..., keep], self.slack[..., keep], self.y[:, keep]
-        self.g, self.slack_g, self.product = self.g[keep], self.slack_g[keep], self.product[keep]
+        self.level, self.slack_level = self.level[:, keep], self.slack_level[:, keep]
         self.enough, self.error, self.index = self.enough[keep], self.error[keep], self.index[keep]
+        self.product = self.product[keep]
 
     def _iterate(self) -> None:
-        """One predictor and one corrector."""
-        root, scaled_g = np.sqrt(self.g / self.slack_g), np.sqrt(self.g * self.slack_g)
-        scaling = _Scaling(self.force, self.slack)
+        """Take one predictor and one corrector."""
+        root, scaled_level = np.sqrt(self.level / self.slack_level), np.sqrt(self.level * self.slack_level)
+        scaling = Scaling(self.force, self.slack)
         scaled = scaling(self.slack)
         factor = self._factor(scaling, root)
-        predictor = self._step(factor, scaling, scaled, scaled_g, -scaled, -scaled_g)
-        target = predictor.target(self.product, scaled, scaled_g) * self.product / (1 + self.force.shape[1])
-        right = _divide(scaled, target, predictor.force, predictor.slack)
-        right_g = (target - predictor.g * predictor.slack_g) / scaled_g - scaled_g
-        step = self._step(factor, scaling, scaled, scaled_g, right, right_g)
+        predictor = self._step(factor, scaling, scaled, scaled_level, -scaled, -scaled_level)
+        order = self.force.shape[1] + len(self.level)
+        target = predictor.target(self.product, scaled, scaled_level) * self.product / order
+        right = divide(scaled, target, predictor.force, predictor.slack)
+        right_level = (target - predictor.level * predictor.slack_level) / scaled_level - scaled_level
+        step = self._step(factor, scaling, scaled, scaled_level, right, right_level)
         force_step = np.minimum(1.0, BACK_OFF * step.longest_force)
         y_step = np.minimum(1.0, BACK_OFF * step.longest_slack)
         self.force += force_step * scaling(step.force)
-        self.g = self.g + force_step * root * step.g
+        self.level = self.level + force_step * root * step.level
         self.y = self.y - y_step * step.y
 
-    def _factor(self, scaling: _Scaling, root: Array) -> Array:
-        """Cholesky factor of sum_i A_i W_i^2 A_i^T + (g / slack_g) rest rest^T, (6 K, 6 K, T)."""
-        scaled_rest = root * self.rest
+    def _factor(self, scaling: Scaling, root: Array) -> Array:
+        """Return the Cholesky factor of sum_i A_i W_i^2 A_i^T and the same of the levels, (rows, rows, T)."""
+        scaled_rest = root[0] * self.rest
         matrix = scaled_rest[:, None] * scaled_rest
+        cuts = np.arange(self.contacts.rows, len(matrix))
+        matrix[cuts, cuts] += root[1:] ** 2
         columns = scaling.matrix()
         for face in self.contacts.faces:
-            wrenches = self.contacts.wrenches(face, columns[:, :, face.first : face.last])
-            wrenches = wrenches.reshape(6, -1, wrenches.shape[-1])
-            stiffness = np.stack([(row * wrenches).sum(axis=1) for row in wrenches])
-            a, b = slice(6 * face.above, 6 * face.above + 6), slice(6 * face.below, 6 * face.below + 6)
-            matrix[a, a] += stiffness
-            if face.below >= 0:
-                matrix[b, b] += stiffness
-                matrix[a, b] -= stiffness
-                matrix[b, a] -= stiffness
-        return _cholesky(matrix)
+            rows = self.contacts.columns(face, columns[:, :, face.part])
+            rows = rows.reshape(len(rows), -1, rows.shape[-1])
+            stiffness = np.stack([(row * rows).sum(axis=1) for row in rows])
+            self._add(matrix, face, stiffness)
+        return cholesky(matrix)
+
+    def _add(self, matrix: Array, face: Face, stiffness: Array) -> None:
+        """Add the stiffness of a face (6 + extra rows, its square, T) at its rows of the matrix (rows, rows, T)."""
+        places = [(slice(6 * face.above, 6 * face.above + 6), slice(0, 6), 1.0)]
+        if face.below >= 0:
+            places.append((slice(6 * face.below, 6 * face.below + 6), slice(0, 6), -1.0))
+        first = 6
+        for rows in self.contacts.extra(face):
+            places.append((rows, slice(first, first + rows.stop - rows.start), 1.0))
+            first += rows.stop - rows.start
+        for a, part_a, sign_a in places:
+            for b, part_b, sign_b in places:
+                matrix[a, b] += sign_a * sign_b * stiffness[part_a, part_b]
 
     def _step(
-        self, factor: Array, scaling: _Scaling, scaled: Array, scaled_g: Array, right: Array, right_g: Array
+        self, factor: Array, scaling: Scaling, scaled: Array, scaled_level: Array, right: Array, right_level: Array
     ) -> _Step:
-        """Newton step for the right-hand sides `right` (3, n, T) and `right_g` (T,) of the scaled complementarity."""
-        root = np.sqrt(self.g / self.slack_g)
-        load = self.residual - self.contacts.pressed(scaling(right)) + self.rest * (root * right_g)
-        y = _solve(factor, load)
+        """Return the Newton step for right-hand sides of the scaled complementarity, (3, n, T) and (1 + C, T)."""
+        root = np.sqrt(self.level / self.slack_level)
+        lacking = self.residual - self.contacts.pressed(scaling(right)) + self._along(root * right_level)
+        y = solve(factor, lacking)
         slack = -scaling(self.contacts.seen(y))
-        slack_g = root * (self.rest * y).sum(axis=0)
-        return _Step(y, right - slack, slack, right_g - slack_g, slack_g, scaled, scaled_g)
-
-
-class _Scaling:
-    """Nesterov and Todd's scaling W of each cone: W^-1 force = W slack."""
-
-    def __init__(self, force: Array, slack: Array) -> None:
-        force_size, slack_size = np.sqrt(_square(force)), np.sqrt(_square(slack))
-        force, slack = force / force_size, slack / slack_size
-        w = force + slack * np.array([1.0, -1.0, -1.0])[:, None, None]
-        self.w = w / np.sqrt(2.0 * (1.0 + (force * slack).sum(axis=0)))
-        self.eta = np.sqrt(force_size / slack_size)
-
-    def __call__(self, c: Array) -> Array:
-        """W c, (3, n, T)."""
-        w0, w1, w2 = self.w
-        along = w1 * c[1] + w2 * c[2]
-        factor = c[0] + along / (1.0 + w0)
-        out = np.empty(c.shape)
-        out[0] = w0 * c[0] + along
-        out[1] = c[1] + w1 * factor
-        out[2] = c[2] + w2 * factor
-        out *= self.eta
-        return out
-
-    def matrix(self) -> Array:
-        """W itself, (3, 3, n, T)."""
-        w0, w1, w2 = self.w * self.eta
-        lean = self.w / (1.0 + self.w[0])
-        return np.stack(
-            [
-                np.stack([w0, w1, w2]),
-                np.stack([w1, self.eta + lean[1] * w1, lean[1] * w2]),
-                np.stack([w2, lean[2] * w1, self.eta + lean[2] * w2]),
-            ]
-        )
+        slack_level = root * self._onto(y)
+        return _Step(y, right - slack, slack, right_level - slack_level, slack_level, scaled, scaled_level)
 
 
 class _Step:
     """Scaled Newton step and how long it may be, as multiples of itself, (T,)."""
 
     def __init__(
-        self, y: Array, force: Array, slack: Array, g: Array, slack_g: Array, scaled: Array, scaled_g: Array
+        self, y: Array, force: Array, slack: Array, level: Array, slack_level: Array, scaled: Array, scaled_level: Array
     ) -> None:
-        self.y, self.force, self.slack, self.g, self.slack_g = y, force, slack, g, slack_g
-        self.longest_force = np.minimum(_reach(scaled, force).min(axis=0), _ray(scaled_g, g))
-        self.longest_slack = np.minimum(_reach(scaled, slack).min(axis=0), _ray(scaled_g, slack_g))
+        self.y, self.force, self.slack, self.level, self.slack_level = y, force, slack, level, slack_level
+        self.longest_force = np.minimum(reach(scaled, force).min(axis=0), ray(scaled_level, level).min(axis=0))
+        self.longest_slack = np.minimum(reach(scaled, slack).min(axis=0), ray(scaled_level, slack_level).min(axis=0))
 
-    def target(self, product: Array, scaled: Array, scaled_g: Array) -> Array:
-        """Share of the complementarity that the corrector aims at (Mehrotra's rule), (T,)."""
+    def target(self, product: Array, scaled: Array, scaled_level: Array) -> Array:
+        """Return the share of the complementarity that the corrector aims at (Mehrotra's rule), (T,)."""
         a, b = np.minimum(1.0, self.longest_force), np.minimum(1.0, self.longest_slack)
         left = ((scaled + a * self.force) * (scaled + b * self.slack)).sum(axis=(0, 1))
-        left += (scaled_g + a * self.g) * (scaled_g + b * self.slack_g)
+        left += ((scaled_level + a * self.level) * (scaled_level + b * self.slack_level)).sum(axis=0)
         return np.asarray((np.maximum(left, 0.0) / product) ** 3)
-
-
-def _square(c: Array) -> Array:
-    """c_0^2 - c_1^2 - c_2^2, positive inside the cone."""
-    return np.asarray(c[0] ** 2 - c[1] ** 2 - c[2] ** 2)
-
-
-def _ray(value: Array, step: Array) -> Array:
-    """Longest step that keeps a positive value positive."""
-    return np.where(step < 0.0, -value / step, np.inf)
-
-
-def _reach(c: Array, d: Array) -> Array:
-    """Largest a with c + a d in the cone, for c inside it, (n, T)."""
-    square = _square(d)
-    cross = c[0] * d[0] - c[1] * d[1] - c[2] * d[2]
-    inside = np.maximum(_square(c), 0.0)
-    root = np.sqrt(np.maximum(cross**2 - square * inside, 0.0))
-    reach = np.where(cross < 0.0, inside / (root - cross), np.where(square < 0.0, (cross + root) / -square, np.inf))
-    return np.where((square >= 0.0) & (d[0] >= 0.0), np.inf, reach)
-
-
-def _divide(scaled: Array, target: Array, force: Array, slack: Array) -> Array:
-    """Solution q of scaled o q = target e - scaled o scaled - force o slack, o the product of the cone's algebra."""
-    c0, c1, c2 = scaled
-    r0 = target - (scaled * scaled + force * slack).sum(axis=0)
-    r1 = -2.0 * c0 * c1 - force[0] * slack[1] - force[1] * slack[0]
-    r2 = -2.0 * c0 * c2 - force[0] * slack[2] - force[2] * slack[0]
-    q0 = (c0 * r0 - c1 * r1 - c2 * r2) / _square(scaled)
-    return np.stack([q0, (r1 - c1 * q0) / c0, (r2 - c2 * q0) / c0])
-
-
-def _cholesky(matrix: Array) -> Array:
-    """Lower Cholesky factor of symmetric matrices (d, d, T), in their place."""
-    smallest = REGULAR * np.trace(matrix)
-    for j in range(len(matrix)):
-        pivot = np.sqrt(np.maximum(matrix[j, j], smallest))
-        matrix[j, j] = pivot
-        matrix[j + 1 :, j] /= pivot
-        for k in range(j + 1, len(matrix)):
-            matrix[k:, k] -= matrix[k:, j] * matrix[k, j]
-    return matrix
-
-
-def _solve(factor: Array, right: Array) -> Array:
-    """Solution of L L^T x = right, (d, T)."""
-    x = right.copy()
-    for i in range(len(x)):
-        x[i] /= factor[i, i]
-        x[i + 1 :] -= factor[i + 1 :, i] * x[i]
-    for i in reversed(range(len(x))):
-        x[i] /= factor[i, i]
-        x[:i] -= factor[i, :i] * x[i]
-    return x

@@ -1,32 +1,35 @@
-"""What a plan does at many instants: joints, arm and tray, with T the number of instants.
+"""Motion of a plan at many instants: of the joints, the base and the frames of all bodies, T the number of instants.
 
 u = sdd is constant on an interval of the grid and x = sd^2 linear in s, so everything in between is known exactly. Each
-interval is looked at from both of its ends (its own u with the x of the grid point), and at points in between. Where
-the plan stands still (its ends and inner stops) it is looked at once more with u = 0.
+interval is looked at from both of its ends, with its own u and the x of the grid point, and at points in between. Where
+the plan stands still, at its ends and inner stops, it is looked at once more with u = 0.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any, Self
 
 import numpy as np
 
-from robustopt.certificate.contact_points import Array, Flags, Indices
-from robustopt.robot import JointLimits
+from robustopt.arrays import Array, Flags, Indices
+from robustopt.robot import Dynamics, Robot
+from robustopt.solvers import Plan
 
-if TYPE_CHECKING:
-    from robustopt.solvers import Plan
+CARRIER = "robustopt carrier"
+"""Name of the frame that all objects are rigid to, among those of links, which have the names of their bodies."""
 
 
 @dataclass(frozen=True, eq=False)
 class Instants:
-    """Where to look at a plan, (T,) each.
+    """Instants at which a plan is looked at, (T,) each.
 
-    s, t: place and time; x, u: sd^2 and sdd there; piece: of the path; grid: whether it is a grid point; free: 1 where
-    the robot moves, 0 where it stands still (and has no acceleration error); node: index of s among the distinct
-    `nodes` (positions and pieces) at which the arm's dynamics are needed
+    s, t: place and time
+    x, u: sd^2 and sdd there
+    grid: True at a grid point
+    free: 1 if the robot moves, 0 if it stands still and has no acceleration error
+    node: index of s among the distinct `nodes`, positions and pieces, at which dynamics are needed
     """
 
     s: Array
@@ -41,7 +44,13 @@ class Instants:
 
 
 def instants(plan: Plan, between: Sequence[float], every: int = 1) -> Instants:
-    """Instants of every `every`-th interval: both ends and the shares `between` of its length, and all standstills."""
+    """Return instants of every `every`-th interval, both ends and shares `between` of its length, and all standstills.
+
+    Args:
+        plan: the plan.
+        between: shares of the length of an interval, without 0 and 1.
+        every: step from one interval to the next.
+    """
     ds = np.diff(plan.s)
     root = np.sqrt(np.maximum(plan.x, 0.0))
     moving = np.flatnonzero(ds > 0.0)
@@ -49,28 +58,25 @@ def instants(plan: Plan, between: Sequence[float], every: int = 1) -> Instants:
     with np.errstate(divide="ignore"):
         duration[moving] = 2.0 * ds[moving] / (root[moving] + root[moving + 1])
     begin = np.concatenate([[0.0], np.cumsum(duration)])
-    chosen = moving[::every]
     shares = np.array([0.0, 1.0, *between])
-    interval, share = (values.ravel() for values in np.meshgrid(chosen, shares, indexing="ij"))
+    interval, share = (values.ravel() for values in np.meshgrid(moving[::every], shares, indexing="ij"))
     x = plan.x[interval] + 2.0 * share * ds[interval] * plan.u[interval]
     x = np.where(share == 0.0, plan.x[interval], np.where(share == 1.0, plan.x[interval + 1], x))
     way = root[interval] + np.sqrt(np.maximum(x, 0.0))
     t = begin[interval] + np.divide(2.0 * share * ds[interval], way, out=np.zeros_like(x), where=way > 0.0)
-    grid = (share == 0.0) | (share == 1.0)
     stops = np.flatnonzero(ds == 0.0)
     still = np.unique(np.concatenate([[0, len(plan.s) - 1], stops, stops + 1]))
     s = np.concatenate([plan.s[interval] + share * ds[interval], plan.s[still]])
     s[: len(interval)][share == 1.0] = plan.s[interval + 1][share == 1.0]
     piece = np.concatenate([plan.piece[interval], plan.piece[still]])
-    key = np.column_stack([piece, s])
-    nodes, node = np.unique(key, axis=0, return_inverse=True)
+    nodes, node = np.unique(np.column_stack([piece, s]), axis=0, return_inverse=True)
     none = np.zeros(len(still))
     return Instants(
         s=s,
         t=np.concatenate([t, begin[still]]),
         x=np.concatenate([np.maximum(x, 0.0), none]),
         u=np.concatenate([plan.u[interval], none]),
-        grid=np.concatenate([grid, none == 0.0]),
+        grid=np.concatenate([(share == 0.0) | (share == 1.0), none == 0.0]),
         free=np.concatenate([np.ones(len(interval)), none]),
         node=node.ravel(),
         node_s=nodes[:, 1],
@@ -78,14 +84,34 @@ def instants(plan: Plan, between: Sequence[float], every: int = 1) -> Instants:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """Motion of the joints and of the tray, in the tray frame.
+class Series:
+    """Base class of a dataclass of arrays whose last axis T counts instants, of mappings of such, and of series."""
 
-    linear, angular: (3, T) acceleration of the tray's origin; spin: (3, T) its angular velocity; gravity: (3, T);
-    jacobian: (6, n, T) of the tray's origin; mass_matrix: (n, n, T) of the arm; free: (T,) 0 where the robot stands
-    still; position, velocity, acceleration: (n, T) of the joints; torque: (n, T) of the arm and joint friction, without
-    load; sticking: (n, T) dry friction of joints that do not move, of either sign; limits: of the joints
+    def at(self, index: Indices) -> Self:
+        """Return the series at some of the instants."""
+        return self._mapped(lambda values: values[..., index])
+
+    def widened(self) -> Self:
+        """Return the series with an axis of length 1 before that of the instants, for many samples."""
+        return self._mapped(lambda values: values[..., None, :])
+
+    def _mapped(self, change: Any) -> Self:
+        def changed(value: Any) -> Any:
+            if isinstance(value, Mapping):
+                return {name: changed(item) for name, item in value.items()}
+            return value._mapped(change) if isinstance(value, Series) else change(value)
+
+        names = [item.name for item in fields(self)]  # type: ignore[arg-type]  # subclasses are dataclasses
+        return replace(self, **{name: changed(getattr(self, name)) for name in names})  # type: ignore[type-var]
+
+
+@dataclass(frozen=True, eq=False)
+class Frame(Series):
+    """Motion of a frame that is rigid to a link, in its own axes.
+
+    linear, angular: (3, T) acceleration of its origin; spin: (3, T) its angular velocity; gravity: (3, T)
+    jacobian: (6, n, T) of its origin, linear then angular
+    to_base: (base, 6, T) wrench on the floating base, about the world's origin, for a wrench about its origin
     """
 
     linear: Array
@@ -93,63 +119,157 @@ class Motion:
     spin: Array
     gravity: Array
     jacobian: Array
-    mass_matrix: Array
+    to_base: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Motion(Series):
+    """Motion of all bodies, and the wrench that the robot's links alone require at their floating base.
+
+    frames: by name
+    base_force: (base, T) about the world's origin, world axes; base_inertia: (base, n, T) its change per acceleration
+    free: (T,) 0 where the robot stands still
+    """
+
+    frames: Mapping[str, Frame]
+    base_force: Array
+    base_inertia: Array
     free: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Joints(Series):
+    """Motion and torques of the m joints that motors drive.
+
+    position, velocity, acceleration: (m, T)
+    torque: (m, T) of the links and joint friction, without payload; inertia: (m, n, T) its change per acceleration
+    to_torque: (m, 6, T) by frame, for a wrench about its origin
+    sticking: (m, T) dry friction of joints that do not move, of either sign
+    pulls: (m, 6, T) by environment contact, torque that its wrench about the world's origin takes over
+    """
+
     position: Array
     velocity: Array
     acceleration: Array
     torque: Array
+    inertia: Array
+    to_torque: Mapping[str, Array]
     sticking: Array
-    limits: JointLimits
+    pulls: Mapping[str, Array]
 
-    def at(self, index: Indices) -> Motion:
-        """The motion at some of the instants."""
-        return replace(self, **{name: values[..., index] for name, values in self._arrays().items()})
+    def only(self, j: int) -> Joints:
+        """Return the series of a single joint."""
+        return self._mapped(lambda values: values[j : j + 1])
 
-    def widened(self) -> Motion:
-        """The motion with an axis of length 1 before that of the instants, for many draws."""
-        return replace(self, **{name: values[..., None, :] for name, values in self._arrays().items()})
+    def standing_on(self, contact: str, motion: Motion) -> Joints:
+        """Return the joints where a single environment contact exerts all that the base requires."""
+        pull = self.pulls[contact]
+        to_torque = {
+            name: maps - np.einsum("mkt,kjt->mjt", pull, motion.frames[name].to_base)
+            for name, maps in self.to_torque.items()
+        }
+        return replace(
+            self,
+            torque=self.torque - np.einsum("mkt,kt->mt", pull, motion.base_force),
+            inertia=self.inertia - np.einsum("mkt,knt->mnt", pull, motion.base_inertia),
+            to_torque=to_torque,
+        )
 
-    def _arrays(self) -> dict[str, Any]:
-        return {field.name: getattr(self, field.name) for field in fields(self) if field.name != "limits"}
 
+def motion(plan: Plan, at: Instants, links: Sequence[str] = ()) -> tuple[Motion, Joints]:
+    """Return the motion of a plan at some instants.
 
-def motion(plan: Plan, at: Instants) -> Motion:
-    """The motion of a plan at some instants."""
+    Args:
+        plan: the plan.
+        at: the instants.
+        links: names of the robot's bodies whose frames are of interest.
+    """
     robot, path = plan.problem.robot, plan.problem.path
-    q, q1, q2 = (path.evaluate(at.node_s, at.node_piece, order) for order in range(3))
-    arm = robot.dynamics(q, q1, q2)
-    carrier = arm.carrier
-    assert carrier is not None
-    u, x, sd = at.u, at.x, np.sqrt(at.x)
-    along, curving = _product(carrier.jacobian, q1), _product(carrier.jacobian, q2) + carrier.bias
-    tray = u * _last(along[at.node]) + x * _last(curving[at.node])
-    q, q1, q2 = (_last(values[at.node]) for values in (q, q1, q2))
-    torque = u * _last(arm.force_u[at.node]) + x * _last(arm.force_x[at.node]) + _last(arm.force_0[at.node])
-    limits = robot.limits
-    dry = limits.dry_friction[:, None] * at.free
-    torque += limits.viscous_friction[:, None] * q1 * sd + dry * np.sign(q1)
-    return Motion(
-        linear=tray[:3],
-        angular=tray[3:],
-        spin=sd * _last(along[at.node, 3:]),
-        gravity=_last(carrier.gravity[at.node]),
-        jacobian=_last(carrier.jacobian[at.node]),
-        mass_matrix=_last(arm.mass_matrix[at.node]),
-        free=at.free,
+    nodes = [path.evaluate(at.node_s, at.node_piece, order) for order in range(3)]
+    found = robot.dynamics(*nodes)
+    maps = {name: _link(robot, name, nodes, at) for name in links}
+    if found.carrier is not None:
+        maps[CARRIER] = _carrier(found, nodes, at, robot.base)
+    force = at.u * _last(found.force_u, at) + at.x * _last(found.force_x, at) + _last(found.force_0, at)
+    inertia, base = _last(found.mass_matrix, at), robot.base
+    moving = Motion({name: frame for name, (frame, _) in maps.items()}, force[:base], inertia[:base], at.free)
+    to_torque = {name: torque for name, (_, torque) in maps.items()}
+    pulls = {
+        name: np.ascontiguousarray(np.swapaxes(_last(values[:, :, base:], at), 0, 1))
+        for name, values in found.contact_jacobians.items()
+    }
+    q, q1, q2 = (_last(values[:, base:], at) for values in nodes)
+    dry = robot.limits.dry_friction[base:, None] * at.free
+    friction = robot.limits.viscous_friction[base:, None] * q1 * np.sqrt(at.x) + dry * np.sign(q1)
+    joints = Joints(
         position=q,
-        velocity=q1 * sd,
-        acceleration=q1 * u + q2 * x,
-        torque=torque,
+        velocity=q1 * np.sqrt(at.x),
+        acceleration=q1 * at.u + q2 * at.x,
+        torque=force[base:] + friction,
+        inertia=inertia[base:],
+        to_torque=to_torque,
         sticking=np.where(q1 == 0.0, dry, 0.0),
-        limits=limits,
+        pulls=pulls,
     )
+    return moving, joints
+
+
+def _carrier(found: Dynamics, nodes: list[Array], at: Instants, base: int) -> tuple[Frame, Array]:
+    """Return the motion of the carrier frame, and the torques (m, 6, T) for a wrench about its origin."""
+    own = found.carrier
+    assert own is not None
+    along, curving = _product(own.jacobian, nodes[1]), _product(own.jacobian, nodes[2]) + own.bias
+    acceleration = at.u * _last(along, at) + at.x * _last(curving, at)
+    frame = Frame(
+        linear=acceleration[:3],
+        angular=acceleration[3:],
+        spin=np.sqrt(at.x) * _last(along[:, 3:], at),
+        gravity=_last(own.gravity, at),
+        jacobian=_last(own.jacobian, at),
+        to_base=_last(_to_world(own.position, own.rotation)[:, :base], at),
+    )
+    return frame, np.swapaxes(frame.jacobian[:, base:], 0, 1)
+
+
+def _to_world(position: Array, rotation: Array) -> Array:
+    """Return the matrices (P, 6, 6) from wrenches about a frame's origin to those about the world's, world axes."""
+    x, y, z = position.T
+    none = np.zeros_like(x)
+    arm = np.moveaxis(np.array([[none, -z, y], [z, none, -x], [-y, x, none]]), 2, 0)
+    return np.concatenate(
+        [np.concatenate([rotation, np.zeros_like(rotation)], 2), np.concatenate([arm @ rotation, rotation], 2)], 1
+    )
+
+
+def _link(robot: Robot, name: str, nodes: list[Array], at: Instants) -> tuple[Frame, Array]:
+    """Return the motion of a link's frame, and the torques (m, 6, T) for a wrench about its origin."""
+    own = robot.body_motion(name, *nodes)
+    to_force = _last(own.to_force, at)
+    frame = Frame(
+        linear=at.u * _last(own.linear_u, at) + at.x * _last(own.linear_x, at),
+        angular=at.u * _last(own.angular_u, at) + at.x * _last(own.angular_x, at),
+        spin=np.sqrt(at.x) * _last(own.spin, at),
+        gravity=-_last(own.linear_0, at),
+        jacobian=_last(own.jacobian, at),
+        to_base=to_force[: robot.base],
+    )
+    return frame, to_force[robot.base :]
+
+
+def stances(plan: Plan, at: Instants) -> Indices:
+    """Return the stance (T,) of each instant, at a switch the one with fewer contacts; 0 without steps."""
+    found = plan.problem.path.stances
+    borders = np.array([stance.begin for stance in found[1:]])
+    before = np.searchsorted(borders, at.s, side="left")
+    after = np.searchsorted(borders, at.s, side="right")
+    count = np.array([len(stance.contacts) for stance in found]) if found else np.zeros(1)
+    return np.where(count[after] <= count[before], after, before)
 
 
 def _product(matrices: Array, vectors: Array) -> Array:
     return np.asarray((matrices @ vectors[:, :, None])[:, :, 0])
 
 
-def _last(values: Array) -> Array:
-    """The same with the first axis, that of the instants, last."""
-    return np.ascontiguousarray(np.moveaxis(values, 0, -1))
+def _last(values: Array, at: Instants) -> Array:
+    """Return values at nodes, their first axis, at the instants, as their last axis."""
+    return np.ascontiguousarray(np.moveaxis(values, 0, -1)[..., at.node])

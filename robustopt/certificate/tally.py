@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from robustopt.certificate.contact_points import Array, Flags
+from robustopt.arrays import Array, Flags, Indices
 
 
 @dataclass(frozen=True)
 class Found:
-    """A utilisation (1 at the limit), the instant it was found at, and the parameters in the configuration's words."""
+    """A utilisation, 1 at the limit, the instant it was found at, and the parameters in the configuration's words."""
 
     utilisation: float
     instant: int
@@ -22,14 +22,14 @@ class Found:
 
 @dataclass
 class Tally:
-    """Collects the worst of every limit; `grid` (T,) says which instants are grid points."""
+    """Collection of the worst of every limit; `grid` (T,) is True at instants that are grid points."""
 
     grid: Flags
     worst: dict[tuple[str, bool], Found] = field(default_factory=dict)
     tests: int = 0
 
     def threshold(self, limit: str) -> Array:
-        """What a utilisation of a limit must exceed to be news, (T,)."""
+        """Return the utilisation of a limit that a new one must exceed, (T,)."""
         found = {grid: self.worst.get((limit, grid)) for grid in (True, False)}
         values = {grid: -np.inf if item is None else item.utilisation for grid, item in found.items()}
         return np.where(self.grid, values[True], values[False])
@@ -40,7 +40,13 @@ class Tally:
         if place not in self.worst or found.utilisation > self.worst[place].utilisation:
             self.worst[place] = found
 
-    def peaks(self, utilisation: Array) -> list[int]:
-        """Indices of the largest values (T,) on the grid and between grid points, where there are any."""
-        kinds = (np.flatnonzero(self.grid), np.flatnonzero(~self.grid))
+    def peaks(self, utilisation: Array, at: Indices | None = None) -> list[int]:
+        """Return the indices of the largest values (T,) on the grid and between grid points, if there are any.
+
+        Args:
+            utilisation: the values.
+            at: their instants, None for all.
+        """
+        grid = self.grid if at is None else self.grid[at]
+        kinds = (np.flatnonzero(grid), np.flatnonzero(~grid))
         return [int(kind[np.argmax(utilisation[kind])]) for kind in kinds if len(kind)]

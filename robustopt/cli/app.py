@@ -1,4 +1,4 @@
-"""The command line: a thin layer over the library. Heavy packages are imported by the commands that need them."""
+"""The command line: a thin layer over the library. Heavy packages are imported on first use."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NoReturn
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -25,9 +25,8 @@ from robustopt.cli.commands import (
     learn_task,
     make_plan,
     print_dry_run,
-    stored_summary,
 )
-from robustopt.cli.terminal import fail, print_json, show, show_runs
+from robustopt.cli.terminal import Output, fail, print_json, show, show_runs
 from robustopt.errors import ConfigError, RobustOptError
 from robustopt.interruption import INTERRUPTED, STOPS, Kept, interruptions, listen, on_interrupt
 from robustopt.processes import end_processes
@@ -43,43 +42,53 @@ app = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
     context_settings={"help_option_names": ["-h", "--help"]},
-    help="Fastest robot motions under frictional contact that hold for every value of what is uncertain.",
+    help="Time-optimal, robust path timing for robots under frictional contact.",
     epilog="Exit codes: 0 done, 2 configuration or usage, 3 infeasible, 4 solver or certificate failed, "
     "5 simulation failed, 130 interrupted.",
 )
 
 
 class Method(StrEnum):
+    """Solvers."""
+
     ipopt = "ipopt"
     reachability = "reachability"
 
 
 class Backend(StrEnum):
-    loky = "loky"
+    """Schedulers of trials."""
+
+    processes = "processes"
     dask = "dask"
 
 
 class ExecutorName(StrEnum):
+    """Executors of a learner's plans."""
+
     simulation = "simulation"
     manual = "manual"
 
 
 class Effort(StrEnum):
+    """Efforts of a certificate."""
+
     quick = "quick"
     full = "full"
 
 
-ConfigFile = Annotated[Path, typer.Argument(metavar="CONFIG", help="YAML file; see docs/configuration.md")]
+ConfigFile = Annotated[Path, typer.Argument(metavar="CONFIG", help="YAML file of the task; see docs/configuration.md")]
 Overrides = Annotated[
     list[str] | None,
-    typer.Argument(metavar="KEY=VALUE", help="other values for keys, e.g. contact.friction=0.3 'uncertainty={}'"),
+    typer.Argument(metavar="KEY=VALUE", help="set keys to other values, e.g. contact.friction=0.3 'uncertainty={}'"),
 ]
 Out = Annotated[
-    Path | None, typer.Option(help="run folder, new or empty; default: results/NAME/TIME", show_default=False)
+    Path | None,
+    typer.Option(help="write into this folder, new or empty; default: results/NAME/TIME", show_default=False),
 ]
-Seed = Annotated[int | None, typer.Option(help="seed of all random numbers", show_default=False)]
+Seed = Annotated[int | None, typer.Option(help="set the seed of all random numbers", show_default=False)]
 Json = Annotated[bool, typer.Option("--json", help="print one JSON object instead of text, also for errors")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="print nothing but errors")]
+Workers = Annotated[int, typer.Option(min=1, help="number of worker processes; each runs cores / N simulation threads")]
 
 
 def _print_version(wanted: bool) -> None:
@@ -94,7 +103,7 @@ def common(
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="print the version")
     ] = False,
 ) -> None:
-    """Options before the command."""
+    """Read the options before the command."""
 
 
 @app.command()
@@ -102,10 +111,11 @@ def plan(
     config: ConfigFile,
     overrides: Overrides = None,
     out: Out = None,
-    method: Annotated[Method | None, typer.Option(help="solver.method", show_default=False)] = None,
+    method: Annotated[Method | None, typer.Option(help="set solver.method", show_default=False)] = None,
     seed: Seed = None,
     certify: Annotated[
-        Effort, typer.Option(help="quick: at most a second; full: many more draws and all worst corners")
+        Effort,
+        typer.Option(help="check the plan quickly (at most a second) or fully (more samples, all corners)"),
     ] = Effort.quick,
     figures: Annotated[bool, typer.Option(help="draw the figures")] = True,
     dry_run: Annotated[
@@ -114,46 +124,52 @@ def plan(
     json: Json = False,
     quiet: Quiet = False,
 ) -> int:
-    """Find the fastest timing of a path that holds for every value in the intervals, and write a run folder."""
+    """Plan the fastest robust timing of a path.
+
+    The plan is feasible for every value in the intervals. It is written into a run folder.
+    """
     changes = _changes(overrides, method, seed)
     with _task_of(config, changes) as task:
         if dry_run:
-            return print_dry_run(task, json, quiet)
-        return make_plan(task, out, certify.value, figures, json, quiet)
+            return print_dry_run(task, Output(json, quiet))
+        return make_plan(task, out, certify.value, figures, Output(json, quiet))
 
 
 @app.command()
 def execute(
     task: Annotated[
-        Path, typer.Argument(metavar="CONFIG|RUN", help="YAML file to plan and run, or run folder whose plan is run")
+        Path, typer.Argument(metavar="CONFIG|RUN", help="YAML file of a task to plan, or run folder with a plan")
     ],
     overrides: Annotated[
         list[str] | None,
-        typer.Argument(metavar="KEY=VALUE", help="other values for keys; of a RUN only those of execution and seed"),
+        typer.Argument(metavar="KEY=VALUE", help="set keys to other values; for a RUN only execution and seed"),
     ] = None,
     out: Out = None,
-    trials: Annotated[int | None, typer.Option(min=1, help="execution.trials", show_default=False)] = None,
+    trials: Annotated[int | None, typer.Option(min=1, help="set execution.trials", show_default=False)] = None,
     seed: Seed = None,
-    speed: Annotated[float, typer.Option(min=0.01, max=100, help="run the plan this many times as fast")] = 1.0,
-    workers: Annotated[int, typer.Option(min=1, help="processes; threads share the cores that they leave")] = 1,
+    speed: Annotated[float, typer.Option(min=0.01, max=100, help="multiply the speed of the plan")] = 1.0,
+    workers: Workers = 1,
     backend: Annotated[
-        Backend, typer.Option(help="where chunks of trials run: processes of this machine, or a Dask cluster")
-    ] = Backend.loky,
+        Backend, typer.Option(help="run the trials in processes of this machine, or on a Dask cluster")
+    ] = Backend.processes,
     scheduler: Annotated[
-        str | None, typer.Option(help="address of the Dask scheduler, tcp://HOST:PORT", show_default=False)
+        str | None, typer.Option(help="connect to this Dask scheduler, tcp://HOST:PORT", show_default=False)
     ] = None,
     figures: Annotated[bool, typer.Option(help="draw the figures")] = True,
-    video: Annotated[bool, typer.Option(help="film a failing trial beside a succeeding one")] = False,
+    video: Annotated[bool, typer.Option(help="film a trial that fails beside one that succeeds")] = False,
     json: Json = False,
     quiet: Quiet = False,
 ) -> int:
-    """Run a plan in simulation, again and again, in a world that the planner does not know."""
+    """Execute a plan many times in simulation.
+
+    The simulated world may differ from the planner's, and from trial to trial.
+    """
     changes = _changes(overrides, None, seed)
     if trials is not None:
         changes.append(f"execution.trials={trials}")
     if (backend is Backend.dask) != (scheduler is not None):
         raise ConfigError("--backend dask and --scheduler tcp://HOST:PORT go together; found one of them")
-    options = ExecutionOptions(speed, workers, scheduler, figures, video, json, quiet)
+    options = ExecutionOptions(speed, workers, scheduler, figures, video, Output(json, quiet))
     if video and sys.platform == "linux" and not os.environ.get("DISPLAY"):
         os.environ.setdefault("MUJOCO_GL", "egl")
     if task.is_dir():
@@ -168,11 +184,11 @@ def learn(
         list[str] | None,
         typer.Argument(
             metavar="[CONFIG] KEY=VALUE",
-            help="YAML file, without one the paper's one-block waiter task; values for keys",
+            help="YAML file of the task, by default the paper's one-block waiter task; keys to set to other values",
         ),
     ] = None,
-    algorithm: Annotated[str | None, typer.Option(help="learning.algorithm", show_default=False)] = None,
-    K: Annotated[float | None, typer.Option("--K", min=0, max=6, help="learning.K", show_default=False)] = None,
+    algorithm: Annotated[str | None, typer.Option(help="set learning.algorithm", show_default=False)] = None,
+    K: Annotated[float | None, typer.Option("--K", min=0, max=6, help="set learning.K", show_default=False)] = None,
     out: Out = None,
     resume: Annotated[
         bool, typer.Option("--resume", help="continue the run in --out, or the latest unfinished one of the task")
@@ -180,23 +196,26 @@ def learn(
     executor: Annotated[
         ExecutorName | None,
         typer.Option(
-            help="simulation, or manual: a person runs each trajectory and says what came of it; default: simulation, "
-            "or that of the run which is resumed",
+            help="execute in simulation, or ask a person to run each trajectory and to report it (manual); "
+            "default: simulation, or that of the run which is resumed",
             show_default=False,
         ),
     ] = None,
     seed: Seed = None,
-    workers: Annotated[int, typer.Option(min=1, help="processes; threads share the cores that they leave")] = 1,
+    workers: Workers = 1,
     figures: Annotated[bool, typer.Option(help="draw the figures")] = True,
     json: Json = False,
     quiet: Quiet = False,
 ) -> int:
-    """Learn intervals from executions, until the plan is safe and near-optimal; can be interrupted and continued."""
+    """Learn parameters from executions.
+
+    The learner ends with a plan that is safe and near-optimal. It can be interrupted and continued.
+    """
     path, changes = _task(arguments or [])
     changes += _changes(None, None, seed)
     changes += [] if algorithm is None else [f"learning.algorithm={algorithm}"]
     changes += [] if K is None else [f"learning.K={K}"]
-    options = LearningOptions(resume, executor, workers, figures, json, quiet)
+    options = LearningOptions(resume, executor, workers, figures, Output(json, quiet))
     if resume and out is not None and path is None and not changes:
         return learn_task(None, out, options)
     from robustopt.runs.store import CONFIG
@@ -210,7 +229,7 @@ def learn(
 
 @app.command()
 def runs(
-    folder: Annotated[Path, typer.Argument(metavar="[FOLDER]", help="folder that holds runs")] = Path("results"),
+    folder: Annotated[Path, typer.Argument(metavar="[FOLDER]", help="list the runs in this folder")] = Path("results"),
     json: Json = False,
 ) -> int:
     """List runs and their state: complete, running, or to be resumed."""
@@ -218,7 +237,7 @@ def runs(
 
     records = found(folder)
     if json:
-        print_json({"runs": records})
+        print_json({"runs": [record.model_dump() for record in records]})
     else:
         show_runs(records, folder)
     return 0
@@ -226,7 +245,10 @@ def runs(
 
 @app.command()
 def validate(config: ConfigFile, overrides: Overrides = None, json: Json = False, quiet: Quiet = False) -> int:
-    """Check a configuration, its robot and its path: every mistake, where it is, and what would be right."""
+    """Check a configuration, its robot and its path.
+
+    Every mistake is printed with its place and its remedy.
+    """
     with _task_of(config, overrides or []) as task:
         check_task(task, json or quiet)
     if json:
@@ -238,18 +260,19 @@ def validate(config: ConfigFile, overrides: Overrides = None, json: Json = False
 
 @app.command()
 def report(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="run folder that robustopt wrote")],
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="run folder of robustopt")],
     json: Json = False,
     quiet: Quiet = False,
 ) -> int:
     """Print the summary of a stored run."""
-    data = stored_summary(run)
-    show(data, run, json, quiet)
+    from robustopt.runs.store import read_summary
+
+    show(read_summary(run), run, Output(json, quiet))
     return 0
 
 
 def _changes(overrides: Sequence[str] | None, method: Method | None, seed: int | None) -> list[str]:
-    """Overrides with the options that are short for one; the options come last and win."""
+    """Return overrides, with the options that are short for one at the end, so that these win."""
     changes = list(overrides or [])
     if method is not None:
         changes.append(f"solver.method={method.value}")
@@ -259,7 +282,7 @@ def _changes(overrides: Sequence[str] | None, method: Method | None, seed: int |
 
 
 def _task(arguments: Sequence[str]) -> tuple[Path | None, list[str]]:
-    """The configuration file, if one is named, and values for keys."""
+    """Return the configuration file, if one is named, and the overrides."""
     if arguments and ("=" not in arguments[0] or Path(arguments[0]).is_file()):
         return Path(arguments[0]), list(arguments[1:])
     return None, list(arguments)
@@ -267,7 +290,7 @@ def _task(arguments: Sequence[str]) -> tuple[Path | None, list[str]]:
 
 @contextmanager
 def _task_of(path: Path, overrides: Sequence[str]) -> Iterator[Config]:
-    """The configuration in a file; mistakes that only show in this block get the places of their keys in the file."""
+    """Yield the configuration in a file; errors of the block get the places of their keys in the file."""
     from robustopt.config.load import load_config, located
 
     config = load_config(path, overrides)
@@ -285,7 +308,7 @@ def _nothing_kept(code: int) -> bool:
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Run a command and return its exit code; what a person did wrong becomes a message, never a traceback."""
+    """Run a command and return its exit code; a user's mistake becomes a message, never a traceback."""
     json = "--json" in arguments
     try:
         code = app(list(arguments), prog_name="robustopt", standalone_mode=False) or 0
@@ -300,16 +323,16 @@ def run(arguments: Sequence[str]) -> int:
 
 
 def _told(error: Exception, json: bool) -> int:
-    """Exit code of what a person, or the system, did wrong, once it is told; raises what is neither."""
+    """Print an error of the user or of the system and return its exit code; raise any other again."""
     if isinstance(error, RobustOptError):
         problems = [vars(problem) for problem in error.problems] if isinstance(error, ConfigError) else []
         return fail(type(error).__name__, str(error), error.exit_code, json, problems)
-    if isinstance(error, BrokenPipeError):  # who reads has read enough
+    if isinstance(error, BrokenPipeError):  # the reader has read enough
         return 1
     if isinstance(error, OSError):
-        what = error.filename or "what the command prints cannot be written"
-        in_words = f"{what}: {error.strerror or error}"
-        return fail("OSError", in_words, 2, json=False)  # not to standard output, which may be what failed
+        found = error.filename or "the output of the command cannot be written"
+        in_words = f"{found}: {error.strerror or error}"
+        return fail("OSError", in_words, 2, json=False)  # standard output may have failed itself
     message = getattr(error, "format_message", None)
     if message is None:
         raise error
@@ -317,38 +340,55 @@ def _told(error: Exception, json: bool) -> int:
 
 
 def _flush_output() -> None:
-    if sys.stdout is not None:  # as it is where it was closed before
+    if sys.stdout is not None:  # None if it was closed before
         sys.stdout.flush()
 
 
 def main() -> None:
-    """Entry point of the command `robustopt`.
+    """Run the command `robustopt` and end this process with its exit code.
 
     One thread for linear algebra: the matrices are small, and sums are then the same on every machine load.
     """
+    ending = _Ending()
+    atexit.register(ending.end_at_once)  # before all others, so that it is called after them
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     listen()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
     try:
-        code = run(sys.argv[1:])
+        ending.code = run(sys.argv[1:])
     except KeyboardInterrupt:  # once more, while the first one was being reported
-        code = INTERRUPTED
-    _leave(code)
+        ending.code = INTERRUPTED
+    _stop_listening()
+    with suppress(Exception):
+        end_processes()
+    sys.exit(ending.code)
 
 
-def _leave(code: int) -> NoReturn:
-    """End this process at once: taking down all that was imported takes as long as a plan, and what was interrupted
-    inside a library may complain of it. What asks it once more to stop ends it without a word."""
+def _stop_listening() -> None:
+    """Let a further signal end this process, without a word."""
     for number in STOPS:
         if signal.getsignal(number) is on_interrupt:
             signal.signal(number, signal.SIG_DFL)
-    for end in (end_processes, atexit._run_exitfuncs):
-        with suppress(Exception):
-            end()
-    for stream in (sys.stdout, sys.stderr):
-        if stream is not None:  # as it is where it was closed before
-            with suppress(OSError):
-                stream.flush()
-    os._exit(code)
+
+
+class _Ending:
+    """The end of this process after the exit functions of all libraries.
+
+    Python would take down every module after them, which takes as long as a plan; and a library in which something was
+    interrupted may complain of it.
+    """
+
+    code: int | None = None
+    """Exit code of the command; None while there is none."""
+
+    def end_at_once(self) -> None:
+        """Flush the output and end this process, if the command has an exit code."""
+        if self.code is None:
+            return
+        for stream in (sys.stdout, sys.stderr):
+            if stream is not None:  # None if it was closed before
+                with suppress(OSError):
+                    stream.flush()
+        os._exit(self.code)

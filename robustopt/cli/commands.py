@@ -1,6 +1,6 @@
-"""What the commands of the command line do once their options are read: compute, write a run folder, say how it ended.
+"""Work of the commands once their options are read: compute, write a run folder, report the end, return the exit code.
 
-Heavy packages are imported by what needs them. Each returns the exit code.
+Heavy packages are imported on first use.
 """
 
 from __future__ import annotations
@@ -9,68 +9,82 @@ import sys
 from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from robustopt.cli.terminal import ask, console, fail, learning_table, print_json, say, show, status, trials_bar
+from robustopt.cli.terminal import (
+    Output,
+    ask,
+    console,
+    fail,
+    learning_table,
+    print_json,
+    say,
+    show,
+    status,
+    trials_bar,
+)
 from robustopt.errors import RunFolderError
 from robustopt.interruption import INTERRUPTED, Kept, interruptions, stop_if_interrupted
 
 if TYPE_CHECKING:
     from robustopt.config import Config
     from robustopt.runs.campaign import Learned
+    from robustopt.runs.execution_run import ExecutionResult
+    from robustopt.runs.journal import Journal
+    from robustopt.runs.plan_run import Effort
+    from robustopt.runs.records import Summary
+    from robustopt.runs.store import NewRun
+    from robustopt.simulation import Workers
 
 
 def check_task(config: Config, silent: bool) -> None:
-    """Raise the error that planning a task would end with before it solves anything."""
-    with status("looking at robot and path", silent):
+    """Build the problem of a task, and with it raise any error in its robot or its path."""
+    with status("building robot and path", silent):
         from robustopt.limits import build_problem
 
         build_problem(config)
         stop_if_interrupted()
 
 
-def make_plan(config: Config, out: Path | None, certify: Any, figures: bool, json: bool, quiet: bool) -> int:
+def print_dry_run(config: Config, output: Output) -> int:
+    """Print the resolved configuration and the size of its problem."""
+    from robustopt.config.load import dump, resolved
+    from robustopt.limits import build_problem
+    from robustopt.runs.plan_run import problem_size
+
+    with status("building the problem", output.silent):
+        size = problem_size(build_problem(config)).model_dump()
+    if output.json:
+        print_json({"config": resolved(config), "size": size})
+    elif not output.quiet:
+        from robustopt.report import print_rows, rows
+
+        print(dump(config), end="")
+        print_rows("Problem", rows(size), console())
+    return 0
+
+
+def make_plan(config: Config, out: Path | None, certify: Effort, figures: bool, output: Output) -> int:
     """Plan a task into a new run folder."""
     from robustopt.runs.store import new_run
 
     with new_run(config.name, out) as run:
-        with status("planning", json or quiet):
-            from robustopt.runs.experiment import plan_task, write_run
+        with status("planning", output.silent):
+            from robustopt.runs.plan_run import plan_task, write_run
 
             result = plan_task(config, certify)
             stop_if_interrupted()
-        with status("writing", json or quiet):
+        with status("writing", output.silent):
             from robustopt.report import write_figures_and_page
 
             data = write_run(result, run.folder, sys.argv[1:])
             write_figures_and_page(result, data, run.folder, figures)
             stop_if_interrupted()
-    show(data, run.place, json, quiet)
-    return result.exit_code
+    show(data, run.place, output)
+    return data.status.exit_code
 
 
-def stored_summary(folder: Path) -> dict[str, Any]:
-    """The summary of a stored run, of which a person can be told.
-
-    Raises RunFolderError where there is none, or it has been changed.
-    """
-    from io import StringIO
-
-    from rich.console import Console
-
-    from robustopt.report import print_summary
-    from robustopt.runs.store import SUMMARY, read_summary
-
-    data = read_summary(folder)
-    try:
-        data["kind"], data["message"]
-        print_summary(data, Console(file=StringIO()), folder)
-    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
-        found = f"{type(error).__name__}: {error}"
-        raise RunFolderError(
-            f"{folder / SUMMARY}: has been changed, or is of another version of robustopt ({found})"
-        ) from None
-    return data
+# Executing ------------------------------------------------------------------------------------------------
 
 
 class ExecutionOptions(NamedTuple):
@@ -81,63 +95,73 @@ class ExecutionOptions(NamedTuple):
     scheduler: str | None
     figures: bool
     video: bool
-    json: bool
-    quiet: bool
+    output: Output
+
+    def who(self) -> Workers:
+        """Return the workers that run the trials."""
+        from robustopt.simulation import Workers
+
+        return Workers(self.workers, self.scheduler)
 
 
 def execute_new(config: Config, out: Path | None, options: ExecutionOptions) -> int:
     """Plan a task and execute the plan, into a new run folder."""
     from robustopt.runs.store import new_run
 
-    silent = options.json or options.quiet
+    silent = options.output.silent
     with new_run(config.name, out) as run:
         with status("planning", silent):
-            from robustopt.report import write_execution_figures, write_figures_and_page
-            from robustopt.runs.execution_run import execute_plan, write_execution_run
-            from robustopt.runs.experiment import plan_task, write_run
-            from robustopt.simulation import Workers
+            from robustopt.report import write_figures_and_page
+            from robustopt.runs.execution_run import execute_plan
+            from robustopt.runs.plan_run import plan_task, write_run
 
             planned = plan_task(config)
             stop_if_interrupted()
-        if planned.exit_code:
-            data, code = write_run(planned, run.folder, sys.argv[1:]), planned.exit_code
-        else:
-            workers = Workers(options.workers, options.scheduler)
+        if planned.status.good:
             with trials_bar(silent) as progress:
-                result = execute_plan(config, planned, options.speed, workers, progress)
-            interruptions.clear()
-            data, code = write_execution_run(result, run.folder, sys.argv[1:]), result.exit_code
-            write_execution_figures(result, run.folder, options.figures, options.video)
+                result = execute_plan(config, planned, options.speed, options.who(), progress)
+            data = _write_executions(result, run, options)
+        else:
+            data = write_run(planned, run.folder, sys.argv[1:])
         write_figures_and_page(planned, data, run.folder, options.figures)
         stop_if_interrupted()
-    return _end_execution(data, run.place, code, options)
+    return _end_execution(data, run.place, options.output)
 
 
 def execute_stored(folder: Path, changes: Sequence[str], out: Path | None, options: ExecutionOptions) -> int:
-    """Execute the plan of a stored run, into a new run folder; changes: other values for keys."""
-    from robustopt.runs.store import new_run
+    """Execute the plan of a stored run, into a new run folder; changes: `key=value` for keys."""
+    from robustopt.runs.store import new_run, read_summary
 
-    silent = options.json or options.quiet
-    with new_run(str(stored_summary(folder)["name"]), out) as run:
-        with trials_bar(silent) as progress:
-            from robustopt.report import write_execution_figures, write_page
+    with new_run(read_summary(folder).name, out) as run:
+        with trials_bar(options.output.silent) as progress:
+            from robustopt.report import write_page
             from robustopt.runs.execution_run import execute_stored as run_stored
-            from robustopt.runs.execution_run import write_execution_run
-            from robustopt.simulation import Workers
 
-            workers = Workers(options.workers, options.scheduler)
-            result = run_stored(folder, changes, options.speed, workers, progress)
-        interruptions.clear()
-        data = write_execution_run(result, run.folder, sys.argv[1:])
-        write_execution_figures(result, run.folder, options.figures, options.video)
+            result = run_stored(folder, changes, options.speed, options.who(), progress)
+        data = _write_executions(result, run, options)
         write_page(data, run.folder)
         stop_if_interrupted()
-    return _end_execution(data, run.place, result.exit_code, options)
+    return _end_execution(data, run.place, options.output)
 
 
-def _end_execution(data: dict[str, Any], place: Path, code: int, options: ExecutionOptions) -> int:
-    show(data, place, options.json, options.quiet)
+def _write_executions(result: ExecutionResult, run: NewRun, options: ExecutionOptions) -> Summary:
+    """Write executions and their figures; an interruption before this point has already ended the trials."""
+    from robustopt.report import write_execution_figures
+    from robustopt.runs.execution_run import write_execution_run
+
+    interruptions.clear()
+    data = write_execution_run(result, run.folder, sys.argv[1:])
+    write_execution_figures(result, run.folder, options.figures, options.video)
+    return data
+
+
+def _end_execution(data: Summary, place: Path, output: Output) -> int:
+    show(data, place, output)
+    code = data.status.exit_code
     return Kept(code) if code == INTERRUPTED else code
+
+
+# Learning -------------------------------------------------------------------------------------------------
 
 
 class LearningOptions(NamedTuple):
@@ -147,8 +171,7 @@ class LearningOptions(NamedTuple):
     executor: str | None
     workers: int
     figures: bool
-    json: bool
-    quiet: bool
+    output: Output
 
 
 def learn_task(config: Config | None, out: Path | None, options: LearningOptions) -> int:
@@ -170,37 +193,35 @@ def learn_task(config: Config | None, out: Path | None, options: LearningOptions
 
 
 def _continue(config: Config, folder: Path, options: LearningOptions) -> int:
-    """Bring a run to its end, or say how it ended where it is complete."""
-    from robustopt.runs.learning_run import exit_code_of
-    from robustopt.runs.store import is_run
+    """Bring a run to its end, or show it if it is complete."""
+    from robustopt.runs.store import is_run, read_summary
 
     if is_run(folder):
-        data = stored_summary(folder)
+        data = read_summary(folder)
     else:
         try:
             data = _run_learner(config, folder, options)
         except (Exception, KeyboardInterrupt) as error:
             if isinstance(error, KeyboardInterrupt) or interruptions:  # an extension module may raise something else
-                message = f"interrupted; what was learned is kept: robustopt learn --resume --out {folder}"
-                return Kept(fail("Interrupted", message, INTERRUPTED, options.json))
+                message = f"interrupted; all executions so far are kept: robustopt learn --resume --out {folder}"
+                return Kept(fail("Interrupted", message, INTERRUPTED, options.output.json))
             raise
-    show(data, folder, options.json, options.quiet)
-    return exit_code_of(data["status"])
+    show(data, folder, options.output)
+    return data.status.exit_code
 
 
-def _run_learner(config: Config, folder: Path, options: LearningOptions) -> dict[str, Any]:
-    """Learn, and write what was learned; the summary."""
+def _run_learner(config: Config, folder: Path, options: LearningOptions) -> Summary:
+    """Learn, and write the result; return the summary."""
     from robustopt.runs.journal import MANUAL, Journal
-    from robustopt.runs.learning_run import require_same_versions
+    from robustopt.runs.origin import require_same_versions
 
-    silent = options.json or options.quiet
     with closing(Journal.open(folder)) as journal:
         if options.executor not in (None, journal.executor):
             raise RunFolderError(f"{folder}: was begun with --executor {journal.executor}; expected the same")
         manual = journal.executor == MANUAL
         if not manual:
             require_same_versions(folder)
-        with learning_table(silent or manual) as show_learned:
+        with learning_table(options.output.silent or manual) as show_learned:
             from robustopt.runs.campaign import learn as run_learner
             from robustopt.runs.manual import Manual
 
@@ -212,34 +233,21 @@ def _run_learner(config: Config, folder: Path, options: LearningOptions) -> dict
             executor = Manual(folder, ask, say) if manual else None
             learned = run_learner(config, executor, journal=journal, workers=options.workers, progress=progress)
             stop_if_interrupted()
-        from robustopt.runs.learning_run import complete, result_of, write_learning_files, writing
+        return _complete(learned, journal, folder, options)
 
-        with status("writing", silent), writing(folder):
-            from robustopt.report import write_learning_figures, write_page
 
-            result = result_of(learned, journal)
-            data = write_learning_files(result, folder)
-            if options.figures:
-                write_learning_figures(data, result.planned, folder)
-            write_page(data, folder)
-            stop_if_interrupted()
-            complete(folder, data)
+def _complete(learned: Learned, journal: Journal, folder: Path, options: LearningOptions) -> Summary:
+    """Write the files of a learner that is finished; return the summary."""
+    from robustopt.runs.learning_run import complete, result_of, write_learning_files, writing
+
+    with status("writing", options.output.silent), writing(folder):
+        from robustopt.report import write_learning_figures, write_page
+
+        result = result_of(learned, journal)
+        data = write_learning_files(result, folder)
+        if options.figures:
+            write_learning_figures(data, result.planned, folder)
+        write_page(data, folder)
+        stop_if_interrupted()
+        complete(folder, data)
     return data
-
-
-def print_dry_run(config: Config, json: bool, quiet: bool) -> int:
-    """Print the resolved configuration and the size of its problem."""
-    from robustopt.config.load import dump, resolved
-    from robustopt.limits import build_problem
-    from robustopt.runs.experiment import problem_size
-
-    with status("building the problem", json or quiet):
-        size = problem_size(build_problem(config))
-    if json:
-        print_json({"config": resolved(config), "size": size})
-    elif not quiet:
-        from robustopt.report import print_rows, rows
-
-        print(dump(config), end="")
-        print_rows("Problem", rows(size), console())
-    return 0

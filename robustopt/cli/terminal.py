@@ -1,41 +1,51 @@
-"""What commands print: summaries, progress, JSON and errors. Heavy packages are imported by what needs them."""
+"""Output of the commands: summaries, progress, JSON and errors. Heavy packages are imported on first use."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from robustopt.runs.campaign import Learned
+    from robustopt.runs.listing import Listed
+    from robustopt.runs.records import Summary
 
 Progress = Callable[[int, int, int], None]
 """Called with the trials done, those asked for, and the successes so far."""
 
 
-GOOD = ("solved", "learned")
-"""Statuses of runs that came out well."""
+class Output(NamedTuple):
+    """Options of the output: one JSON object, or nothing but errors."""
+
+    json: bool
+    quiet: bool
+
+    @property
+    def silent(self) -> bool:
+        """Whether nothing is printed while a command works."""
+        return self.json or self.quiet
 
 
 def console(stderr: bool = False) -> Console:
-    """The terminal, or what stands in its place."""
+    """Return the terminal, or the stream in its place."""
     from rich.console import Console
 
     return Console(stderr=stderr, highlight=False)
 
 
 def status(text: str, silent: bool) -> AbstractContextManager[object]:
-    """A line that says what is going on, where a person is watching."""
+    """Show a line about the step under way, if a person is watching."""
     return nullcontext() if silent or not sys.stderr.isatty() else console(stderr=True).status(text)
 
 
 @contextmanager
 def trials_bar(silent: bool) -> Iterator[Progress | None]:
-    """A bar of the trials done with the success so far, where a person is watching."""
+    """Show a bar of the trials with the success so far, if a person is watching."""
     if silent or not sys.stderr.isatty():
         yield None
         return
@@ -54,7 +64,7 @@ def trials_bar(silent: bool) -> Iterator[Progress | None]:
 
 @contextmanager
 def learning_table(silent: bool) -> Iterator[Callable[[Learned], None] | None]:
-    """The iterations so far, where a person is watching, and what is under way."""
+    """Show the iterations so far and the one under way, if a person is watching."""
     if silent or not sys.stderr.isatty():
         yield None
         return
@@ -80,21 +90,21 @@ def learning_table(silent: bool) -> Iterator[Callable[[Learned], None] | None]:
         yield update
 
 
-def show(data: dict[str, Any], place: Path, json: bool, quiet: bool) -> None:
-    """Print the summary of a run; where it is quiet, only what went wrong."""
-    if json:
-        failed = {} if data["status"] in GOOD else {"error": {"kind": data["status"], "message": data["message"]}}
-        print_json({**data, "folder": str(place), **failed})
-    elif not quiet:
+def show(data: Summary, place: Path, output: Output) -> None:
+    """Print the summary of a run; if the output is quiet, only a failure."""
+    if output.json:
+        failed = {} if data.status.good else {"error": {"kind": data.status, "message": data.message}}
+        print_json({**data.model_dump(mode="json", exclude_unset=True), "folder": str(place), **failed})
+    elif not output.quiet:
         from robustopt.report import print_summary
 
         print_summary(data, console(), place)
-    elif data["status"] not in GOOD:
-        print(f"{data['name']}: {data['status']}: {data['message']}", file=sys.stderr)
+    elif not data.status.good:
+        print(f"{data.name}: {data.status}: {data.message}", file=sys.stderr)
 
 
 def ask(question: str) -> str:
-    """Ask a person; raises EOFError where nobody answers."""
+    """Ask a person; raise EOFError if nobody answers."""
     print(question, end="", file=sys.stderr, flush=True)
     answer = sys.stdin.readline()
     if not answer:
@@ -107,7 +117,7 @@ def say(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
-def show_runs(records: Sequence[dict[str, Any]], folder: Path) -> None:
+def show_runs(records: Sequence[Listed], folder: Path) -> None:
     """Print a table of runs, as wide as its folders, which are to be copied."""
     if not records:
         print(f"no runs in {folder}")
@@ -121,8 +131,8 @@ def show_runs(records: Sequence[dict[str, Any]], folder: Path) -> None:
     for head in ("kind", "state", "result", "duration [s]", "created", "folder"):
         table.add_column(head, justify="right" if head.startswith("duration") else "left", no_wrap=True)
     for record in records:
-        duration = "" if record["duration"] is None else f"{record['duration']:.4f}"
-        cells = (record["kind"], record["state"], record["status"], duration, record["created"][:19], record["folder"])
+        duration = "" if record.duration is None else f"{record.duration:.4f}"
+        cells = (record.kind, record.state, record.status, duration, record.created[:19], record.folder)
         table.add_row(*(str(cell or "") for cell in cells))
     print_whole(table, console())
 
@@ -134,13 +144,13 @@ def print_json(data: dict[str, Any]) -> None:
     print(json_text(data))
 
 
-def fail(kind: str, message: str, code: int, json: bool, problems: Sequence[dict[str, str]] = ()) -> int:
+def fail(kind: str, message: str, code: int, json: bool, problems: Sequence[Mapping[str, str]] = ()) -> int:
     """Print an error and return the exit code."""
     if json:
         error = {"kind": kind, "message": message, "exit_code": code, "problems": list(problems)}
         print_json({"error": error})
     else:
-        with suppress(OSError):  # of a terminal that has been closed; the exit code says it too
+        with suppress(OSError):  # the terminal may be closed; the exit code says it too
             for line in message.splitlines():
                 print(f"error: {line}", file=sys.stderr, flush=True)
     return code

@@ -116,6 +116,13 @@ def _per_interface(config: Config, names: Collection[str]) -> Iterator[Finding]:
             ((*truth, "variation", "friction"), actual.variation.friction),
         ]
         yield from _unknown_names((*truth, "contact_inset"), actual.contact_inset, tuple(contacts))
+        held = [name for name, body in config.objects.items() if body.held_by is not None]
+        held += [TRAY] if config.tray is not None and config.tray.hands is not None else []
+        for key, forces in (
+            ((*truth, "force"), actual.force),
+            ((*truth, "variation", "force"), actual.variation.force),
+        ):
+            yield from _unknown_names(key, forces, held)
     for key, values in given:
         yield from _unknown_names(key, values, (*contacts, "default"))
     friction = config.contact.friction

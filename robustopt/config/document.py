@@ -1,7 +1,7 @@
 """YAML with the place of every value, and `key=value` overrides on top of it.
 
-Only what a configuration needs of YAML: mappings with plain keys, lists, text, numbers, true, false and null.
-Unlike YAML 1.1, `on` and `yes` are text and `1e-3` is a number.
+A configuration needs only mappings with plain keys, lists, text, numbers, true, false and null. Unlike YAML 1.1, `on`
+and `yes` are text and `1e-3` is a number.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from yaml.composer import Composer
+from yaml.composer import Composer, ComposerError
 from yaml.parser import Parser
 from yaml.reader import Reader, ReaderError
 from yaml.resolver import BaseResolver
@@ -31,7 +31,7 @@ _TAG = "tag:yaml.org,2002:"
 
 
 class _Loader(Reader, Scanner, Parser, Composer, BaseResolver):
-    """Composes nodes; knows only the plain scalars below."""
+    """YAML loader that composes nodes and knows only the plain scalars below."""
 
     def __init__(self, text: str) -> None:
         Reader.__init__(self, text)
@@ -53,51 +53,52 @@ for _name, _pattern, _first in (
 
 
 class _Dumper(yaml.SafeDumper):
-    """Writes what `_Loader` reads: quotes only text that would be read as something else."""
+    """YAML writer for `_Loader`: quotes only text that would be read as something else."""
 
     yaml_implicit_resolvers = _Loader.yaml_implicit_resolvers
 
 
 def write_yaml(data: Any) -> str:
-    """YAML text of plain values; every float is written so that it reads back exactly."""
+    """Return plain values as YAML text; every float is written so that it reads back exactly."""
     return yaml.dump(data, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=110, allow_unicode=True)
 
 
 def show_key(key: Key) -> str:
-    """A key path as it is written in messages and overrides, e.g. path.tray_poses[0].yaw."""
+    """Return a key path as messages and overrides write it, e.g. path.tray_poses[0].yaw."""
     parts = [f"[{part}]" if isinstance(part, int) else f".{part}" for part in key]
     return "".join(parts).removeprefix(".")
 
 
 def join_keys(outer: str, inner: str) -> str:
-    """One key path below another."""
+    """Return one key path below another."""
     return f"{outer}{'' if not inner or inner.startswith('[') else '.'}{inner}"
 
 
 def split_key(text: str) -> Key:
-    """The key path in a text such as path.tray_poses.0.yaw or path.tray_poses[0].yaw."""
+    """Return the key path in a text such as path.tray_poses.0.yaw or path.tray_poses[0].yaw."""
     parts = re.sub(r"\[(\d+)\]", r".\1", text.strip()).split(".")
     return tuple(int(part) if part.isdigit() else part for part in parts)
 
 
 @dataclass
 class Document:
-    """Plain values of a configuration, where each stands, and what is wrong with how it is written."""
+    """Plain values of a configuration, with the place of each, and the mistakes in the text."""
 
     data: Any = None
     locations: dict[Key, str] = field(default_factory=dict)
     problems: list[ConfigProblem] = field(default_factory=list)
 
     def locate(self, key: Key) -> str:
-        """Location of a value, or of the nearest section around it that is written somewhere."""
+        """Return the location of a value, or of the nearest section around it that has one."""
         return self.locations.get(self._written(key), "")
 
     def position(self, key: Key) -> int:
-        """Place of a value in the order in which the document is read."""
+        """Return the place of a value in the order of the document."""
         order = {written: i for i, written in enumerate(self.locations)}
         return order.get(self._written(key), -1)
 
     def problem(self, key: Key, message: str) -> ConfigProblem:
+        """Return a mistake at a key, with its location."""
         return ConfigProblem(key=show_key(key), message=message, location=self.locate(key))
 
     def _written(self, key: Key) -> Key:
@@ -106,21 +107,21 @@ class Document:
         return key
 
     def override(self, text: str) -> None:
-        """Apply one `key=value`; what cannot be applied is added to `problems`."""
+        """Apply one `key=value`, or add a mistake to `problems`."""
         location = f"override '{text if len(text) <= 100 else text[:97] + '...'}'"
         key_text, equals, value_text = text.partition("=")
         if not equals or not key_text.strip():
             message = "found no key=value; expected for example solver.collocation_points=500"
             self.problems.append(ConfigProblem(key="", message=message, location=location))
             return
-        key, part = split_key(key_text), _Reader(location, lines=False).read(value_text)
+        key, part = split_key(key_text), read_text(value_text, location, lines=False)
         if part.problems:
             self.problems += [replace(p, key=join_keys(show_key(key), p.key)) for p in part.problems]
         else:
             self.assign(key, part, location)
 
     def assign(self, key: Key, part: Document, location: str) -> None:
-        """Put another document's value at a key, making the sections on the way."""
+        """Put another document's value at a key, and make the sections on the way."""
         if self.data is None:
             self.data = {}
         try:
@@ -135,7 +136,7 @@ class Document:
 
 
 def _assign(container: Any, key: Key, value: Any) -> Key:
-    """Put a value at a key of nested dicts and lists; the key as it is there, with digits as names of a dict."""
+    """Put a value at a key of nested dicts and lists; return the key, with numbers as text for names of a dict."""
     found: Key = ()
     for i, part in enumerate(key):
         _require_place(container, key[: i + 1], part)
@@ -171,8 +172,12 @@ def _short(value: Any) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-def read_yaml(path: Path) -> Document:
-    """Read a configuration file; ConfigError where there is nothing to read."""
+def read_file(path: Path) -> Document:
+    """Read a configuration file.
+
+    Raises:
+        ConfigError: there is no such file, or it is no text.
+    """
     if path.is_dir():
         raise ConfigError([ConfigProblem("", "this is a folder; expected a YAML file", str(path))])
     if not path.is_file():
@@ -184,11 +189,22 @@ def read_yaml(path: Path) -> Document:
     except UnicodeDecodeError as error:
         message = f"byte {error.start} is not UTF-8 text; expected a YAML file"
         raise ConfigError([ConfigProblem("", message, str(path))]) from None
-    return _Reader(str(path), lines=True).read(text)
+    return read_text(text, str(path))
+
+
+def read_text(text: str, source: str, lines: bool = True) -> Document:
+    """Read YAML text.
+
+    Args:
+        text: the YAML.
+        source: its name in messages.
+        lines: whether messages name the line.
+    """
+    return _Reader(source, lines).read(text)
 
 
 class _Reader:
-    """Turns YAML text into a `Document`."""
+    """Reader of YAML text into a `Document`."""
 
     def __init__(self, source: str, lines: bool) -> None:
         self.source, self.lines = source, lines
@@ -197,8 +213,7 @@ class _Reader:
 
     def read(self, text: str) -> Document:
         try:
-            loader = _Loader(text)
-            node = loader.get_single_node()
+            node = self._root(_Loader(text))
             self.document.locations[()] = self._at(node) if node is not None else self.source
             if node is not None:
                 self.document.data = self._value(node, (), ())
@@ -206,18 +221,28 @@ class _Reader:
             line = text[: error.position].count("\n") + 1
             source = f"{self.source}:{line}" if self.lines else self.source
             self._add((), "not YAML: found a control character; expected printable text", source)
+        except _Refused as error:
+            self._add((), f"not YAML: {error.problem}; {error.remedy}", self._at_mark(error.problem_mark))
         except yaml.MarkedYAMLError as error:
-            self._add((), f"not YAML: {error.problem}; {_hint(error)}", self._at_mark(error.problem_mark))
+            self._add((), f"not YAML: {error.problem}; {_remedy(error)}", self._at_mark(error.problem_mark))
         except RecursionError:
             self._add((), "nested too deeply to be a configuration", self.source)
         return self.document
+
+    def _root(self, loader: _Loader) -> yaml.Node | None:
+        """Return the only document of a text."""
+        node = loader.get_node() if loader.check_node() else None
+        if loader.check_node():
+            mark = loader.peek_event().start_mark  # type: ignore[no-untyped-call]
+            raise _Refused("found another document", mark, "expected one document, without `---` in the middle")
+        return node
 
     def _value(self, node: yaml.Node, key: Key, above: tuple[int, ...]) -> Any:
         self.document.locations.setdefault(key, self._at(node))
         self.values += 1
         if id(node) in above or self.values > MOST_VALUES:
-            what = "an alias contains itself" if id(node) in above else f"more than {MOST_VALUES:,} values"
-            raise yaml.MarkedYAMLError(problem=what, problem_mark=node.start_mark)
+            found = "an alias contains itself" if id(node) in above else f"more than {MOST_VALUES:,} values"
+            raise _Refused(found, node.start_mark, "write the values out")
         if isinstance(node, yaml.MappingNode) and node.tag == _TAG + "map":
             entries = self._entries(node, key)
             return {name: self._value(child, (*key, name), (*above, id(node))) for name, child in entries}
@@ -276,12 +301,18 @@ class _Reader:
         return f"{self.source}:{mark.line + 1}" if self.lines and mark is not None else self.source
 
 
-def _hint(error: yaml.MarkedYAMLError) -> str:
-    problem = str(error.problem)
-    if "'\\t'" in problem:
+class _Refused(yaml.MarkedYAMLError):
+    """YAML that is none of a configuration, with a remedy."""
+
+    def __init__(self, problem: str, mark: Any, remedy: str) -> None:
+        super().__init__(problem=problem, problem_mark=mark)
+        self.remedy = remedy
+
+
+def _remedy(error: yaml.MarkedYAMLError) -> str:
+    mark = error.problem_mark
+    if mark is not None and mark.buffer is not None and mark.buffer[mark.pointer] == "\t":
         return "indent with spaces, not tabs"
-    if "expected a single document" in problem or "but found another document" in problem:
-        return "expected one document, without `---` in the middle"
-    if "alias" in problem or "more than" in problem:
+    if isinstance(error, ComposerError):  # unknown or repeated anchors
         return "write the values out"
     return "expected lines `key: value`, indented by spaces"

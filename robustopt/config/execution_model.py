@@ -12,13 +12,13 @@ from robustopt.config.section import Distance, Friction, Mass, NonNegative, Poin
 class VariationConfig(Section):
     distribution: Literal["normal", "uniform"] = Field(
         default="normal",
-        description="how values are drawn for each trial: normal, with the deviations below, or uniform, at most the "
-        "deviations below from the value; a friction or mass at or below 0 is drawn again",
+        description="distribution of the values of a trial: normal with the deviations below, or uniform and at most "
+        "these deviations from the value; a friction, mass or force at or below 0 is sampled again",
     )
     friction: NonNegative | dict[str, NonNegative] = Field(
         default=0.0,
-        description="deviation of the coefficient of friction, one for all or one per object for the interface "
-        "under it (`default` for the rest)",
+        description="deviation of the coefficient of friction, one for all or one by name as in truth.friction "
+        "(`default` for the rest)",
     )
     mass: dict[str, NonNegative] = Field(
         default={}, description="deviation of the mass, by name as in truth.mass; the inertia scales with it [kg]"
@@ -26,34 +26,42 @@ class VariationConfig(Section):
     center_of_mass: dict[str, tuple[NonNegative, NonNegative, NonNegative]] = Field(
         default={}, description="deviation of the centre of mass along x, y, z, by name as in truth.mass [m]"
     )
+    force: dict[str, NonNegative] = Field(
+        default={}, description="deviation of the force of the cups or the gripper, by name as in truth.force [N]"
+    )
 
 
 class TruthConfig(Section):
     friction: Friction | dict[str, Friction] | None = Field(
         default=None,
-        description="true coefficient of friction, one value, or one per object for the interface under it "
-        "(`default` for the rest); without it what the planner believes",
+        description="actual coefficient of friction, one value, or one by name of a contact or object (`default` for "
+        "the rest); without it the nominal one",
     )
     mass: dict[str, Mass] = Field(
         default={},
-        description="true mass, which scales the inertia, by name of an object, the `tray` or a body of a robot on its "
-        "feet [kg]",
+        description="actual mass, which scales the inertia, by name of an object, the `tray` or a body of a walking "
+        "robot [kg]",
     )
     center_of_mass: dict[str, Point3] = Field(
-        default={}, description="true centre of mass in the frame of the object, the tray or the body, by name [m]"
+        default={}, description="actual centre of mass in the frame of the object, the tray or the body, by name [m]"
     )
     inertia: dict[str, Vector3 | Vector6] = Field(
         default={},
-        description="true inertia about the centre of mass, by name as in mass, in the form of objects; it does not "
+        description="actual inertia about the centre of mass, by name as in mass, in the form of objects; it does not "
         "scale with the mass [kg m^2]",
     )
     contact_inset: dict[str, Distance] = Field(
         default={},
-        description="how much smaller than its shape the base of an object, a foot or the palm of a hand is on every "
-        "side, by name [m]",
+        description="distance by which the base of an object, a lip, a pad, a sole or a palm is smaller than its "
+        "shape on every side, by name [m]",
+    )
+    force: dict[str, Positive] = Field(
+        default={},
+        description="actual force of each suction cup, or of the gripper, by name of the held object; without it the "
+        "nominal one, the middle of an interval [N]",
     )
     variation: VariationConfig = Field(
-        default=VariationConfig(), description="how true values vary from trial to trial about those above"
+        default=VariationConfig(), description="variation of the actual values from trial to trial"
     )
 
 
@@ -69,9 +77,9 @@ class ControllerConfig(Section):
     )
     feedforward: Literal["gravity", "computed_torque"] | None = Field(
         default=None,
-        description="torque that is added to that of the gains: gravity compensation of arm and tray, or also the "
-        "torque that the planned motion takes with the load that the planner believes; without it the first, for a "
-        "robot on its feet the second, with the planned contact forces",
+        description="torque that is fed forward: gravity compensation of arm and tray (gravity), or also the torque of "
+        "the planned motion with the nominal load (computed_torque); without it gravity, for a walking robot "
+        "computed_torque with the planned contact forces",
     )
 
 
@@ -81,13 +89,13 @@ class DisturbanceConfig(Section):
     )
     on: str | None = Field(
         default=None,
-        description="what the force acts on, in its centre of mass: `tray` or an object, of a robot on its feet any "
-        "body; without it the tray, or the floating base",
+        description="body on whose centre of mass the force acts: `tray`, an object or a body of a walking robot; "
+        "without it the floating base, the tray or the first object",
     )
-    hold: Positive = Field(default=0.001, description="time for which a drawn force is held [s]")
+    hold: Positive = Field(default=0.001, description="time for which a sampled force is held [s]")
     calibration_deviation: NonNegative | tuple[NonNegative, ...] = Field(
         default=0.0,
-        description="standard deviation of the joints' calibration offsets, drawn once per trial, one value or one "
+        description="standard deviation of the joints' calibration offsets, sampled once per trial, one value or one "
         "per joint [rad or m]",
     )
 
@@ -111,12 +119,20 @@ class FailureConfig(Section):
         description="a standing foot, or a hand on a rail, has slipped when one of its contact points has moved this "
         "far [m]",
     )
+    opening: Positive = Field(
+        default=0.0002,
+        description="a held part is lost when a point of a lip, or of the fixed pad, is this far from it [m]",
+    )
+    grip_slip: Positive = Field(
+        default=0.003,
+        description="a held part has slid when it has moved this far along a lip or pad [m]",
+    )
     hand_lift: Positive = Field(
         default=0.005, description="a hand has lost contact when all of its palm is this far above its rail [m]"
     )
     trunk_tilt: Positive = Field(
         default=0.7853981633974483,
-        description="a robot on its feet has fallen when its floating base is this far from upright [rad]",
+        description="a walking robot has fallen when its floating base is this far from upright [rad]",
     )
     trunk_drop: Positive = Field(
         default=0.35,
@@ -127,18 +143,18 @@ class FailureConfig(Section):
 
 class ExecutionConfig(Section):
     truth: TruthConfig = Field(
-        default=TruthConfig(), description="what the simulated world really is; the planner never reads it"
+        default=TruthConfig(), description="actual parameters of the simulated world; the planner never reads them"
     )
     timestep: Positive = Field(default=0.001, description="time step; objects drift in proportion to it [s]")
     controller: ControllerConfig = Field(
         default=ControllerConfig(),
-        description="joint controller; gains not given are those of the model file, else from the joint's inertia",
+        description="joint controller; gains that are not given come from the model file, else from the joint's inertia",
     )
     disturbance: DisturbanceConfig = Field(default=DisturbanceConfig(), description="random force during the execution")
     hold: tuple[NonNegative, NonNegative] = Field(
         default=(0.2, 0.6), description="time for which the robot stands still before and after the motion [s]"
     )
-    failure: FailureConfig = Field(default=FailureConfig(), description="what counts as a failure")
+    failure: FailureConfig = Field(default=FailureConfig(), description="limits beyond which a trial has failed")
     trials: int = Field(default=100, ge=1, le=1_000_000, description="number of Monte Carlo trials")
     confidence: Positive = Field(
         default=0.95, lt=1, description="level of the Clopper-Pearson interval of the success rate"

@@ -1,4 +1,4 @@
-"""The configuration: read from YAML, change, and write back."""
+"""Reads configurations from files, text and mappings, changes them, and writes them back."""
 
 from __future__ import annotations
 
@@ -9,31 +9,55 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from robustopt.config.document import Document, read_yaml, split_key, write_yaml
+from robustopt.config.document import Document, Key, read_file, read_text, split_key, write_yaml
 from robustopt.config.model import Config
 from robustopt.config.validate import validate, with_sections
 from robustopt.errors import ConfigError
 from robustopt.models import MODELS
 
+Source = str | Path | Mapping[str, Any]
+"""A file, YAML text, or the values themselves."""
 
-def load_config(path: str | Path, overrides: Sequence[str] = ()) -> Config:
-    """The configuration in a YAML file, with `key=value` overrides on top, the value in YAML.
 
-    Keys are joined by dots, entries of lists are numbered from 0: `path.tray_poses.0.yaw=0.3`, `uncertainty={}`.
-    Raises ConfigError with every mistake of the file and the overrides: where, what was found, what would be right.
+def load_config(source: Source, overrides: Sequence[str] = (), folder: str | Path | None = None) -> Config:
+    """Return the configuration in a file, in YAML text or in a mapping.
+
+    Args:
+        source: path of a YAML file; text with a line break is YAML itself; a mapping holds the values.
+        overrides: `key=value` on top of it, the value in YAML. Keys are joined by dots, entries of lists are numbered
+            from 0: `path.tray_poses.0.yaw=0.3`, `uncertainty={}`.
+        folder: relative file names in the configuration start here; by default that of the file, or the current one.
+
+    Returns:
+        The configuration, checked.
+
+    Raises:
+        ConfigError: every mistake of the source and the overrides, with its place and its remedy.
     """
-    return validate(_document(path, overrides), Path(path).absolute().parent)
+    file = _file(source)
+    if folder is None:
+        folder = file.parent if file is not None else "."
+    return validate(_document(source, overrides), Path(folder).absolute())
 
 
-def located(error: ConfigError, path: str | Path, overrides: Sequence[str] = ()) -> ConfigError:
-    """The same mistakes with the places of their keys, for what only shows once the robot or the path is built."""
-    document = _document(path, overrides)
+def located(error: ConfigError, source: Source, overrides: Sequence[str] = ()) -> ConfigError:
+    """Return the same mistakes with the places of their keys, for those that only building robot and path shows."""
+    document = _document(source, overrides)
     problems = [replace(p, location=p.location or document.locate(split_key(p.key))) for p in error.problems]
     return ConfigError(problems)
 
 
-def _document(path: str | Path, overrides: Sequence[str]) -> Document:
-    document = read_yaml(Path(path))
+def _file(source: Source) -> Path | None:
+    """Return the path of a source that is a file."""
+    return None if isinstance(source, Mapping) or "\n" in str(source) else Path(source)
+
+
+def _document(source: Source, overrides: Sequence[str]) -> Document:
+    file = _file(source)
+    if isinstance(source, Mapping):
+        document = Document(data=_plain(source))
+    else:
+        document = read_text(str(source), "text") if file is None else read_file(file)
     if isinstance(document.data, dict) or document.data is None:
         for override in overrides:
             document.override(override)
@@ -41,34 +65,45 @@ def _document(path: str | Path, overrides: Sequence[str]) -> Document:
 
 
 def with_values(config: Config, values: Mapping[str, Any]) -> Config:
-    """A copy with other values at dotted keys, such as {"contact.friction": 0.3}, checked as `load_config` does."""
+    """Return a copy with other values, checked as `load_config` does.
+
+    Args:
+        config: stays as it is.
+        values: by dotted keys, such as {"contact.friction": 0.3}.
+
+    Raises:
+        ConfigError: a key is unknown, or the values do not fit.
+    """
     keys = {key: split_key(key) for key in values}
     sections = {key[0] for key in keys.values()}
     document = Document(data=_plain({str(name): _dumped(getattr(config, str(name), None)) for name in sections}))
-    for key, value in values.items():
-        document.assign(keys[key], Document(data=_plain(value)), f"{key}={value}")
+    _assign(document, keys, values)
     if not document.problems and (changed := with_sections(config, document.data)) is not None:
         return changed
     document = Document(data=_plain(config.model_dump(exclude_none=True)))
-    for key, value in values.items():
-        document.assign(keys[key], Document(data=_plain(value)), f"{key}={value}")
+    _assign(document, keys, values)
     return validate(document, config.folder)
 
 
+def _assign(document: Document, keys: Mapping[str, Key], values: Mapping[str, Any]) -> None:
+    for key, value in values.items():
+        document.assign(keys[key], Document(data=_plain(value)), f"{key}={value}")
+
+
 def _dumped(section: Any) -> Any:
-    """A section, or a mapping of sections, as plain data."""
+    """Return a section, or a mapping of sections, as plain data."""
     if isinstance(section, dict):
         return {name: _dumped(inner) for name, inner in section.items()}
     return section.model_dump(exclude_none=True) if isinstance(section, BaseModel) else section
 
 
 def dump(config: Config) -> str:
-    """YAML that `load_config` reads as an equal configuration, wherever the file is put; floats read back exactly."""
+    """Return YAML that `load_config` reads as an equal configuration from any folder; floats read back exactly."""
     return write_yaml(resolved(config))
 
 
 def resolved(config: Config) -> dict[str, Any]:
-    """Every key with its value as plain data, defaults included; names of files are absolute."""
+    """Return every key with its value as plain data, defaults included; names of files are absolute."""
     data: dict[str, Any] = _plain(config.model_dump(exclude_none=True))
     if _is_file(config):
         data["robot"]["model"] = _absolute(config, config.robot.model)
@@ -78,7 +113,7 @@ def resolved(config: Config) -> dict[str, Any]:
 
 
 def _is_file(config: Config) -> bool:
-    """Whether the robot is a file relative to the configuration, not a shipped robot and not in a package."""
+    """Return whether the robot is a file relative to the configuration, not a shipped robot and not in a package."""
     model = config.robot.model
     shipped = (MODELS / f"{model}.xml").is_file()
     return not shipped and not model.startswith("package://")
@@ -89,9 +124,12 @@ def _absolute(config: Config, name: str) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Tuples and arrays as lists, so that parts of them can be assigned and written."""
-    if isinstance(value, dict):
-        return {key: _plain(inner) for key, inner in value.items()}
+    """Return mappings with names as keys, tuples and arrays as lists, and paths as text."""
+    if isinstance(value, Mapping):
+        # readers of YAML 1.1 take the key `on` for true
+        return {"on" if key is True else str(key): _plain(inner) for key, inner in value.items()}
     if hasattr(value, "tolist"):
         value = value.tolist()
+    if isinstance(value, Path):
+        return str(value)
     return [_plain(inner) for inner in value] if isinstance(value, (list, tuple)) else value

@@ -207,11 +207,15 @@ def _type_at(key: Key) -> tuple[Any, FieldInfo | None]:
     return annotation, info
 
 
-def _unknown(model: type[Section], name: str) -> str:
+class _UnknownKey(str):
+    """Message about a key that a section does not have."""
+
+
+def _unknown(model: type[Section], name: str) -> _UnknownKey:
     valid = list(fields(model))
     near = difflib.get_close_matches(name, valid, n=1)
     hint = f"did you mean {near[0]}? " if near else ""
-    return f"unknown key; {hint}expected one of {', '.join(valid)}"
+    return _UnknownKey(f"unknown key; {hint}expected one of {', '.join(valid)}")
 
 
 def _depends(key: Key, bad: Key) -> bool:
@@ -223,7 +227,7 @@ def _usable(data: dict[str, Any], own: dict[Key, str], folder: Path) -> tuple[Co
     left, doubtful, wrong = deepcopy(data), set[Key](), own
     for _ in range(20):
         places = {key: _written(left, key) for key in wrong}
-        unknown = {key for key, message in wrong.items() if message.startswith("unknown key") and places[key] == key}
+        unknown = {key for key, message in wrong.items() if isinstance(message, _UnknownKey) and places[key] == key}
         doubtful |= {place for key, place in places.items() if key not in unknown}
         for key in sorted(set(places.values()), key=len, reverse=True):
             _remove(left, key)

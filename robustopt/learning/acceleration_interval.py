@@ -1,4 +1,4 @@
-"""Learns the interval of the joint acceleration error alone, at a fixed belief of friction (paper, top of page 8)."""
+"""Estimation of the joint acceleration error at a fixed coefficient of friction (paper, top of page 8)."""
 
 from __future__ import annotations
 
@@ -6,14 +6,21 @@ from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 from robustopt.errors import ConfigError
-from robustopt.learning.learner import Belief, End, Learner, Result, Row, State, Trial
+from robustopt.learning.learner import Learner, Row, State, Trial
 from robustopt.learning.moments import ErrorInterval, endpoint_change, interval_of, shrunk
+from robustopt.learning.outcomes import Belief, End, Result
 from robustopt.learning.settings import require_positive
 
 
 @dataclass(frozen=True)
 class AccelerationIntervalState(State):
-    """interval: [U - K Delta, U + K Delta] of the latest executions; change: how far its endpoints moved last."""
+    """The state of the iteration on the error interval.
+
+    Attributes:
+        interval: [U - K Delta, U + K Delta] of the latest executions.
+        change: largest distance by which an end of the interval moved last [rad/s^2]; None before the first execution.
+        iteration: number of the current iteration, from 1.
+    """
 
     interval: ErrorInterval = field(default_factory=ErrorInterval)
     change: float | None = None
@@ -22,14 +29,20 @@ class AccelerationIntervalState(State):
 
 @dataclass(frozen=True, kw_only=True)
 class AccelerationInterval(Learner[AccelerationIntervalState]):
-    """Plan for an interval, execute, estimate U and Delta, set the interval to U -+ K Delta, until it is stable.
+    """A learner that plans for an error interval, executes, and estimates the interval again, until it is stable.
 
-    It is stable when no endpoint of any joint moved by `threshold` or more from one iteration to the next. Nothing
-    proves that it settles, so there is a limit of iterations (our choice). Whether an execution succeeds does not
-    matter to the interval; the best plan is the latest one all of whose executions succeeded.
+    The interval is U -+ K Delta of the latest executions. It is stable if no end of any joint's interval moved by
+    `threshold` or more in the last iteration. Convergence is not proven, so the number of iterations is limited (our
+    choice). The interval does not depend on the success of the executions; the best plan is the latest one whose
+    executions all succeeded.
 
-    friction: belief to plan with, None as configured; start: interval of the first plan; executions: of each plan;
-    threshold: [rad/s^2]
+    Attributes:
+        K: number of standard deviations.
+        friction: coefficient of friction to plan with; None for the configured one.
+        start: interval of the first plan.
+        executions: number of executions of each plan.
+        threshold: largest change of a stable interval [rad/s^2].
+        iterations: largest number of iterations.
     """
 
     name: ClassVar[str] = "acceleration_interval"
@@ -48,12 +61,15 @@ class AccelerationInterval(Learner[AccelerationIntervalState]):
             raise ConfigError("expected K >= 0, and at least one execution and one iteration", key="learning")
 
     def initial(self) -> AccelerationIntervalState:
+        """Return the state before the first plan, which is for the interval `start`."""
         return AccelerationIntervalState(trial=self._trial(self.start), interval=self.start)
 
-    def _wanted(self, state: AccelerationIntervalState, trial: Trial) -> tuple[int, float]:
+    def wanted(self, state: AccelerationIntervalState, trial: Trial) -> tuple[int, float]:
+        """Return the executions that the plan still lacks."""
         return self.executions - trial.executions, 1.0
 
-    def _infeasible(self, state: AccelerationIntervalState, trial: Trial) -> AccelerationIntervalState:
+    def infeasible(self, state: AccelerationIntervalState, trial: Trial) -> AccelerationIntervalState:
+        """Try a smaller interval; end the search if there is none."""
         row = Row(state.iteration, trial, Result.INFEASIBLE)
         state = replace(state, rows=(*state.rows, row))
         smaller = shrunk(trial.belief.error)
@@ -61,7 +77,8 @@ class AccelerationInterval(Learner[AccelerationIntervalState]):
             return replace(state, trial=None, end=End.NO_PLAN)
         return replace(state, trial=self._trial(smaller))
 
-    def _executed(self, state: AccelerationIntervalState, trial: Trial) -> AccelerationIntervalState:
+    def executed(self, state: AccelerationIntervalState, trial: Trial) -> AccelerationIntervalState:
+        """Estimate the interval again after the last execution of a plan."""
         if trial.executions < self.executions:
             return replace(state, trial=trial)
         result = Result.FAILURE if trial.failures else Result.SUCCESS

@@ -1,17 +1,23 @@
-"""Bisection on the coefficient of friction with success or failure as its only feedback (paper, Alg. 1)."""
+"""Bisection on the coefficient of friction from success or failure alone (paper, Alg. 1)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from robustopt.learning.learner import Belief, End, Learner, Result, Row, State, Trial
+from robustopt.learning.learner import Learner, Row, State, Trial
+from robustopt.learning.outcomes import Belief, End, Result
 from robustopt.learning.settings import require_friction, require_positive
 
 
 @dataclass(frozen=True)
 class BisectionState(State):
-    """low, high: the interval [mu_low, mu_upp] that is left."""
+    """The state of a bisection.
+
+    Attributes:
+        low: mu_low, lower end of the remaining interval.
+        high: mu_upp, its upper end.
+    """
 
     low: float = 0.0
     high: float = 1.0
@@ -19,15 +25,19 @@ class BisectionState(State):
 
 @dataclass(frozen=True, kw_only=True)
 class Bisection(Learner[BisectionState]):
-    """Bisection on mu with the sped-up test of near-optimality (paper, Alg. 1, read off Table 1).
+    """Bisection on mu with a sped-up execution that tests for near-optimality (paper, Alg. 1, read off Table 1).
 
-    mu starts at its upper end mu_init. A failure lowers mu_upp to mu. A success raises mu_low to mu, and the same path
-    is executed (1 + epsilon) times as fast: if that fails, the plan is epsilon-near-optimal, and this is the end. Else
-    mu becomes the middle of [mu_low, mu_upp]. It also ends when mu_upp - mu_low <= delta.
+    mu starts at the upper end mu_init. A failure lowers mu_upp to mu. A success raises mu_low to mu, and the same plan
+    is executed (1 + epsilon) times as fast: if that fails, the plan is epsilon-near-optimal and the search ends.
+    Otherwise mu becomes the middle of [mu_low, mu_upp]. The search also ends when mu_upp - mu_low <= delta.
 
-    A belief without a plan raises mu_low, because less friction leaves even less; it is no success (our choice).
+    If there is no plan for mu, then mu_low rises to mu, because less friction permits even less. That is not a success
+    (our choice).
 
-    friction: first mu_low and mu_upp; delta: width at which to stop; epsilon: relative speed-up
+    Attributes:
+        friction: the first mu_low and mu_upp.
+        delta: width of the interval at which the search ends.
+        epsilon: relative speed-up.
     """
 
     name: ClassVar[str] = "bisection"
@@ -42,16 +52,20 @@ class Bisection(Learner[BisectionState]):
         require_positive(delta=self.delta, epsilon=self.epsilon)
 
     def initial(self) -> BisectionState:
+        """Return the state before the first plan, which is for mu_init."""
         low, high = map(float, self.friction)
         return BisectionState(trial=Trial(Belief(high)), low=low, high=high)
 
-    def _wanted(self, state: BisectionState, trial: Trial) -> tuple[int, float]:
+    def wanted(self, state: BisectionState, trial: Trial) -> tuple[int, float]:
+        """Return one execution at planned speed, and after its success one that is sped up."""
         return (1, 1.0) if trial.successes == 0 else (1, 1.0 + self.epsilon)
 
-    def _infeasible(self, state: BisectionState, trial: Trial) -> BisectionState:
+    def infeasible(self, state: BisectionState, trial: Trial) -> BisectionState:
+        """Raise mu_low to mu."""
         return self._next(replace(state, low=trial.friction), trial, Result.INFEASIBLE)
 
-    def _executed(self, state: BisectionState, trial: Trial) -> BisectionState:
+    def executed(self, state: BisectionState, trial: Trial) -> BisectionState:
+        """Move the end of the interval that the execution has decided."""
         if trial.failures:
             return self._next(replace(state, high=trial.friction), trial, Result.FAILURE)
         state = replace(state, low=trial.friction)

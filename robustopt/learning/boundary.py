@@ -1,19 +1,19 @@
-"""Where the boundary of success may lie: a Bayesian model of monotone success, as a cloud of samples (ours).
+"""Bayesian model of the boundary between success and failure, represented by samples (ours).
 
 A sample is a margin over the unit cube that grows with every parameter, up to small bends h,
 
     m(theta) = (sum_j w_j theta_j^(r_j p))^(1/p) - c + h(theta),
 
-a power mean of warped parameters: p far below 0 is the minimum, every parameter must reach its own threshold; p = 1
-lets them make up for each other; p large is the maximum. The bends, waves with random weights that are nearly a
-Gaussian process, stand for what the family misses: neighbours share them, so many failures in one place do not count
-as independent evidence against the whole of a sample. An execution succeeds with probability Phi(m / sigma), up to
-`LAPSE` for what no margin explains, such as a success below a failure. In a world without noise sigma is a small
-misfit that is left, in a noisy world it is a part of the sample.
+a power mean of warped parameters. For p far below 0 it is the minimum: every parameter must reach its own threshold.
+For p = 1 the parameters make up for each other. For large p it is the maximum. The bends, waves with random weights
+that are nearly a Gaussian process, stand for shapes outside this family. Neighbouring points share them, so many
+failures in one place do not count as independent evidence against the whole sample. An execution succeeds with
+probability Phi(m / sigma), up to `LAPSE` for outcomes that no margin explains, such as a success below a failure. In a
+world without noise sigma is a small remaining misfit; in a noisy world it is part of the sample.
 
-Samples are the states of a sequential Monte Carlo sampler: each execution weighs them by its likelihood, and moves that
-leave the posterior as it is (Metropolis, with proposals from differences of samples, and from the prior) spread them
-again. Every step has a random stream of its own number, so the cloud is a function of the executions alone.
+The samples come from a sequential Monte Carlo sampler. Each execution weights them by its likelihood; then moves that
+preserve the posterior (Metropolis, with proposals from differences of samples and from the prior) spread them again.
+Every step has its own random stream, so the samples are a function of the executions alone.
 """
 
 from __future__ import annotations
@@ -25,63 +25,77 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr
 
-from robustopt.learning.parameters import Array, Point
+from robustopt.arrays import Array, Flags
+from robustopt.learning.parameters import Point
 
 SAMPLES = 256
-"""Of the posterior."""
+"""Number of samples of the posterior."""
 
 MOVES = 10
-"""Of every sample after each execution."""
+"""Number of moves of every sample after each execution."""
 
 MISFIT = 0.01
 """sigma in a world without noise, in units of the cube."""
 
 BEND = 0.04
-"""Deviation of the bends, in units of the cube."""
+"""Standard deviation of the bends, in units of the cube."""
 
 SPAN = 0.3
 """Length over which the bends change, in units of the cube."""
 
 BENDS = 16
-"""Waves that make up the bends."""
+"""Number of waves that make up the bends."""
 
 NOISE = 0.06
-"""Median of sigma in a noisy world, within a factor of 2 or so, in units of the cube."""
+"""Prior median of sigma in a noisy world, known within a factor of about 2, in units of the cube."""
 
 LAPSE = 1e-3
-"""Probability that an outcome has nothing to do with the margin."""
+"""Probability of an outcome that is independent of the margin."""
 
 LEAST = 1e-4
-"""Parameters below it count as so large, since powers of 0 are infinite."""
+"""Smallest coordinate in a power mean, because negative powers of 0 are infinite."""
 
 POWERS = (-25.0, 8.0)
-"""Least and largest p: near enough to the minimum and the maximum."""
+"""Smallest and largest p: close enough to the minimum and the maximum."""
 
 
 @dataclass(frozen=True)
 class Cloud:
-    """z: samples (M, 2 k + 3 + BENDS), standard normal a priori: warps, weights, exponent, level, noise, bends."""
+    """Samples of the boundary.
+
+    Attributes:
+        z: samples (M, 2 k + 3 + BENDS), standard normal a priori: warps, weights, exponent, level, noise, bends.
+        noisy: whether executions of one plan vary.
+    """
 
     z: Array
     noisy: bool
 
     @property
     def k(self) -> int:
+        """Number of parameters."""
         return (self.z.shape[1] - 3 - BENDS) // 2
 
     @property
     def sigma(self) -> Array:
-        """Noise of each sample, (M, 1), in units of the cube."""
+        """Standard deviation of the noise of each sample, (M, 1), in units of the cube."""
         if not self.noisy:
             return np.full((len(self.z), 1), MISFIT)
         return NOISE * np.exp(0.7 * self.z[:, 2 * self.k + 2, None])
 
     def thinned(self) -> Cloud:
-        """Every fourth sample: enough for a first look at many points."""
+        """Return every fourth sample, which is enough for a rough estimate at many points."""
         return Cloud(self.z[::4], self.noisy)
 
     def margin(self, points: Array) -> Array:
-        """Margin of points (m, k) by every sample -> (M, m)."""
+        """Return the margin of points by every sample.
+
+        Args:
+            points: points of the unit cube, (m, k).
+
+        Returns:
+            Margins, (M, m), in units of the cube.
+        """
         z, k = self.z, self.k
         warp = np.exp(0.4 * z[:, :k])
         weights = np.exp(0.8 * z[:, k : 2 * k])
@@ -95,17 +109,32 @@ class Cloud:
         return np.exp(total / power) - level + BEND * z[:, 2 * k + 3 :] @ _waves(points).T
 
     def chances(self, margin: Array) -> Array:
-        """Probability of success at a margin, by every sample, (M, m) -> (M, m)."""
+        """Return the probability of success at a margin, by every sample.
+
+        Args:
+            margin: margins, (M, m), in units of the cube.
+
+        Returns:
+            Probabilities, (M, m).
+        """
         return LAPSE + (1 - 2 * LAPSE) * ndtr(margin / self.sigma)
 
-    def log_likelihood(self, points: Array, outcomes: Array) -> Array:
-        """Log probability of outcomes (m,) at points (m, k) by every sample -> (M,)."""
+    def log_likelihood(self, points: Array, outcomes: Flags) -> Array:
+        """Return the logarithm of the probability of outcomes, by every sample.
+
+        Args:
+            points: executed points, (m, k).
+            outcomes: success of each execution, (m,).
+
+        Returns:
+            Logarithms, (M,).
+        """
         margin = self.margin(points)
         return np.log(self.chances(np.where(outcomes, margin, -margin))).sum(axis=1)
 
 
 def _waves(points: Array) -> Array:
-    """The waves at points (m, k), whose sum with normal weights is nearly a Gaussian process, (m, BENDS)."""
+    """Return the waves at points (m, k), (m, BENDS); their sum with normal weights is nearly a Gaussian process."""
     k = points.shape[1]
     random = np.random.default_rng([k, 1])
     frequency, phase = random.normal(0, 1 / SPAN, (k, BENDS)), random.uniform(0, 2 * np.pi, BENDS)
@@ -113,20 +142,30 @@ def _waves(points: Array) -> Array:
 
 
 def _power(z: Array) -> Array:
-    """p of a standard normal: 1 in the middle, the minimum and the maximum in its tails; never 0."""
+    """Return p of a standard normal: 1 in the middle, the minimum and the maximum in its tails, never 0."""
     power = np.clip(1 - 4 * np.maximum(0.3 - z, 0) ** 1.5 + 2 * np.maximum(z - 0.3, 0), *POWERS)
     return np.where(np.abs(power) < 0.05, 0.05, power)
 
 
 _CLOUDS: OrderedDict[tuple[int, bool, tuple[Point, ...], tuple[bool, ...]], Cloud] = OrderedDict()
-"""The clouds that were made last, since a cloud is made from the one before it."""
+"""The latest clouds, because each cloud is made from the previous one."""
 
 KEPT = 64
-"""Clouds that are kept."""
+"""Number of clouds that are kept."""
 
 
 def cloud(k: int, noisy: bool, points: Sequence[Point], outcomes: Sequence[bool]) -> Cloud:
-    """The posterior after executions at points of the unit cube, in their order; the same for the same executions."""
+    """Return the posterior after executions, which is the same for the same executions.
+
+    Args:
+        k: number of parameters.
+        noisy: whether executions of one plan vary.
+        points: executed points of the unit cube, in order.
+        outcomes: success of each execution.
+
+    Returns:
+        Samples of the posterior.
+    """
     points, outcomes = tuple(points), tuple(outcomes)
 
     def key(n: int) -> tuple[int, bool, tuple[Point, ...], tuple[bool, ...]]:
@@ -144,8 +183,8 @@ def cloud(k: int, noisy: bool, points: Sequence[Point], outcomes: Sequence[bool]
     return found
 
 
-def _moved(before: Cloud, points: Array, outcomes: Array) -> Cloud:
-    """The cloud with the last of the executions: weighted, drawn again, and moved."""
+def _moved(before: Cloud, points: Array, outcomes: Flags) -> Cloud:
+    """Return the posterior with the last of the executions: weight the samples, resample, and move them."""
     random = np.random.default_rng([before.k, len(points)])
     weights = np.exp(before.log_likelihood(points[-1:], outcomes[-1:]))
     steps = (random.random() + np.arange(len(weights))) / len(weights)
@@ -163,7 +202,7 @@ def _moved(before: Cloud, points: Array, outcomes: Array) -> Cloud:
 
 
 def _differences(z: Array, random: np.random.Generator) -> tuple[Array, Array]:
-    """Proposals by differences of other samples in some coordinates, and the change of the log prior."""
+    """Propose steps along differences of other samples in some coordinates; return the change of the log prior too."""
     one, other = z[random.permutation(len(z))], z[random.permutation(len(z))]
     scale = random.choice([0.3, 0.6, 1.0], size=(len(z), 1))
     some = random.random(z.shape) < 0.5
@@ -172,6 +211,6 @@ def _differences(z: Array, random: np.random.Generator) -> tuple[Array, Array]:
 
 
 def _autoregression(z: Array, random: np.random.Generator) -> tuple[Array, Array]:
-    """Proposals that shrink to the middle of the prior and add noise, which leaves the prior as it is."""
+    """Propose steps towards the middle of the prior with added noise, which preserve the prior."""
     step = random.choice([0.1, 0.3, 0.6], size=(len(z), 1))
     return np.sqrt(1 - step**2) * z + step * random.normal(size=z.shape), np.zeros(len(z))

@@ -1,8 +1,8 @@
-"""Several parameters at once from success or failure alone (problem: paper, 7.1; the algorithms are ours).
+"""Learners of several parameters from success or failure alone (problem: paper, section 7.1; algorithms: ours).
 
-theta lies in a box [a, b], a optimistic and b conservative. f*(theta), the duration of its plan, grows with every
-parameter and costs only computing; whether its execution succeeds is monotone too, and costs an execution. Wanted is
-the fastest plan that succeeds. Points are those of the unit cube (`parameters`).
+The parameters theta lie in a box [a, b], a optimistic and b conservative. The duration f*(theta) of the plan grows with
+every parameter and costs only computing time. The success of its execution is monotone too, and costs an execution. The
+learners search for the fastest plan that succeeds. All points are points of the unit cube (`parameters`).
 """
 
 from __future__ import annotations
@@ -11,49 +11,61 @@ from abc import abstractmethod
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
-from typing import ClassVar, TypeVar
+from typing import ClassVar
 
 import numpy as np
 
+from robustopt.arrays import Array, Flags
 from robustopt.errors import ConfigError
-from robustopt.learning.learner import Belief, End, Learner, Result, Row, State, Trial
+from robustopt.learning.cost_map import CostMap
+from robustopt.learning.learner import Learner, Row, State, Trial
 from robustopt.learning.monotone import Knowledge
-from robustopt.learning.parameters import Array, Cost, CostMap, Parameter, Point
+from robustopt.learning.outcomes import Belief, End, Result
+from robustopt.learning.parameters import Cost, Parameter, Point
 from robustopt.learning.settings import require_positive
 
 
 @dataclass(frozen=True)
 class BranchState(State):
-    """points: of the rows; point: of the trial under way."""
+    """The state of a learner of several parameters.
+
+    Attributes:
+        points: points of the rows.
+        point: point of the trial under way.
+    """
 
     points: tuple[Point, ...] = ()
     point: Point = ()
 
 
-B = TypeVar("B", bound="BranchAndBound")
-
-
 @dataclass(frozen=True, kw_only=True)
 class BranchAndBound(Learner[BranchState]):
-    """What the three learners share: what is known, incumbent, lower bound, and when to stop.
+    """A learner of several parameters: knowledge, incumbent, lower bound and end; subclasses choose the points.
 
-    A plan counts as a success when `executions_per_plan` executions in a row succeed, as a failure at the first that
-    does not. The incumbent is the cheapest success. The lower bound is the least f* over what no failure rules out; it
-    is attained at the corners of that region, where f* is evaluated exactly. The gap is incumbent / lower bound - 1.
+    A plan counts as a success if `executions_per_plan` executions in a row succeed, and as a failure at the first one
+    that fails. The incumbent is the cheapest success. The lower bound is the least f* over the region that no failure
+    rules out; it is attained at the corners of that region, where f* is evaluated exactly. The gap is
+    incumbent / lower bound - 1.
 
-    By condition 3 of the paper b succeeds, so at first nothing that costs more than b is looked at, and b is not
-    executed. An incumbent is only what was executed: where nothing else succeeded when the search ends, or when the
+    By condition 3 of the paper, b succeeds. So plans that cost more than b are never tested, and b is not executed at
+    first. But an incumbent must have been executed: if nothing else has succeeded when the search ends, or when the
     budget leaves one more test, b is tested. If b fails, condition 3 does not hold and no plan is known to succeed.
 
-    A plan is worth a test where it is faster than the incumbent by half of `gap`: with less room between the tests and
-    the bound to be proven, no number of failures would prove it.
+    A plan is tested only if it is faster than the incumbent by half of `gap`: with less room between the tests and the
+    wanted bound, no number of failures would prove the bound.
 
-    It ends when the gap is at most `gap`, when no undecided box has a side over `delta`, or when the budget leaves no
-    further test. A belief that turns out to have no plan rules out all that is more conservative, and counts as one of
-    the budget.
+    The search ends when the gap is at most `gap`, when no undecided box has a side over `delta`, or when the budget
+    leaves no further test. A point without a plan rules out all points that are more conservative, and counts as one
+    execution of the budget.
 
-    cost: f*, a pure function; delta: side of a box, of the unit cube; budget: executions; plans: evaluations of f* for
-    the grid that guides the search
+    Attributes:
+        parameters: the k parameters.
+        cost: f*, a pure function.
+        delta: smallest side of a box that is searched, in the unit cube.
+        gap: relative gap at which the search ends.
+        budget: largest number of executions.
+        executions_per_plan: successes in a row that a plan needs.
+        plans: largest number of evaluations of f* for the grid that guides the search.
     """
 
     state_type: ClassVar[type[State]] = BranchState
@@ -80,21 +92,29 @@ class BranchAndBound(Learner[BranchState]):
 
     @abstractmethod
     def _propose(self, state: BranchState, known: Knowledge, cut: float) -> Point | None:
-        """The point to test next, which is undecided and whose f* is under `cut`; None where none is worth it."""
+        """Return the next point to test, undecided and with an f* under `cut`; None if no point is worth a test."""
 
-    # What is known ----------------------------------------------------------------------------------------
+    # Knowledge --------------------------------------------------------------------------------------------
 
     @cached_property
     def map(self) -> CostMap:
-        """f* over the unit cube."""
+        """The duration f* over the unit cube."""
         return CostMap(self.parameters, self.cost, self.plans)
 
     @property
     def k(self) -> int:
+        """Number of parameters."""
         return len(self.parameters)
 
     def knowledge(self, state: BranchState) -> Knowledge:
-        """The points that succeeded, failed, and had no plan."""
+        """Return the points that succeeded, failed, or had no plan.
+
+        Args:
+            state: the state.
+
+        Returns:
+            The points whose outcome is known.
+        """
 
         def points(result: Result) -> list[Point]:
             return [point for row, point in zip(state.rows, state.points, strict=True) if row.result is result]
@@ -102,17 +122,38 @@ class BranchAndBound(Learner[BranchState]):
         return Knowledge.of(self.k, points(Result.SUCCESS), points(Result.FAILURE), points(Result.INFEASIBLE))
 
     def best(self, state: BranchState) -> Row | None:
-        """The incumbent: the cheapest plan that succeeded, the earliest of equals; None without one."""
+        """Return the incumbent, the cheapest plan that succeeded, or the earliest of several.
+
+        Args:
+            state: the state.
+
+        Returns:
+            Its row; None if no plan succeeded.
+        """
         index = self._incumbent_index(state)
         return None if index is None else state.rows[index]
 
     def incumbent(self, state: BranchState) -> float | None:
-        """f* of the incumbent [s]; None without one."""
+        """Return f* of the incumbent.
+
+        Args:
+            state: the state.
+
+        Returns:
+            A duration [s]; None if no plan succeeded.
+        """
         index = self._incumbent_index(state)
         return None if index is None else float(self.map.exact(np.array([state.points[index]]))[0])
 
     def lower_bound(self, state: BranchState) -> float:
-        """Least f* over what is not ruled out [s]; never above the incumbent; inf where there is no plan."""
+        """Return the least f* over the region that is not ruled out.
+
+        Args:
+            state: the state.
+
+        Returns:
+            A duration [s], at most f* of the incumbent; inf if there is no plan.
+        """
         incumbent = self.incumbent(state)
         return min(self._least(state), np.inf if incumbent is None else incumbent)
 
@@ -124,24 +165,31 @@ class BranchAndBound(Learner[BranchState]):
         return succeeded[int(np.argmin(costs))]
 
     def _least(self, state: BranchState) -> float:
-        """Least f* over what no failure rules out [s]."""
+        """Return the least f* over the region that no failure rules out [s]."""
         return float(self.map.exact(self.knowledge(state).lower_corners()).min(initial=np.inf))
 
     # The contract -----------------------------------------------------------------------------------------
 
     def initial(self) -> BranchState:
-        """Raises ConfigError where f* falls along a parameter, against condition 1, or does not depend on one."""
+        """Return the state before the first execution.
+
+        Raises:
+            ConfigError: f* falls along a parameter, against condition 1, or does not depend on one.
+        """
         self.map.require_growth()
         state = BranchState()
         return self._next(state, self.lower_bound(state), None)
 
-    def _wanted(self, state: BranchState, trial: Trial) -> tuple[int, float]:
+    def wanted(self, state: BranchState, trial: Trial) -> tuple[int, float]:
+        """Return the executions that the plan still lacks."""
         return self.executions_per_plan - trial.executions, 1.0
 
-    def _infeasible(self, state: BranchState, trial: Trial) -> BranchState:
+    def infeasible(self, state: BranchState, trial: Trial) -> BranchState:
+        """Rule out all points that are more conservative."""
         return self._after(state, trial, Result.INFEASIBLE)
 
-    def _executed(self, state: BranchState, trial: Trial) -> BranchState:
+    def executed(self, state: BranchState, trial: Trial) -> BranchState:
+        """Record a failure, or the last of the successes in a row that a plan needs."""
         if trial.failures:
             return self._after(state, trial, Result.FAILURE)
         if trial.successes < self.executions_per_plan:
@@ -149,7 +197,7 @@ class BranchAndBound(Learner[BranchState]):
         return self._after(state, trial, Result.SUCCESS)
 
     def _after(self, state: BranchState, trial: Trial, result: Result) -> BranchState:
-        """The state after a trial that is over."""
+        """Return the state after a finished trial."""
         rows = (*state.rows, Row(len(state.rows) + 1, trial, result))
         state = replace(state, rows=rows, points=(*state.points, state.point), trial=None)
         bound, incumbent = self.lower_bound(state), self.incumbent(state)
@@ -159,7 +207,7 @@ class BranchAndBound(Learner[BranchState]):
         return self._next(replace(state, rows=(*rows[:-1], row)), bound, incumbent)
 
     def _next(self, state: BranchState, bound: float, incumbent: float | None) -> BranchState:
-        """The state with its next trial, or its end."""
+        """Return the state with its next trial, or with its end."""
         if not state.rows and not np.isfinite(bound):
             return replace(state, end=End.NO_PLAN)
         left = self.budget - state.executed - sum(row.result is Result.INFEASIBLE for row in state.rows)
@@ -181,16 +229,16 @@ class BranchAndBound(Learner[BranchState]):
 
     @property
     def _room(self) -> int:
-        """Executions that a test may take."""
+        """Largest number of executions of a test."""
         return self.executions_per_plan
 
     def _to_beat(self, incumbent: float | None) -> float:
-        """f* that a plan must beat [s]: that of the incumbent, or of b, which succeeds by assumption."""
+        """Return the f* that a plan must beat [s]: the incumbent's, or that of b, which succeeds by assumption."""
         return self._conservative if incumbent is None else incumbent
 
     @cached_property
     def _conservative(self) -> float:
-        """f* of b [s]; where b has no plan, against condition 3, the longest duration of the grid."""
+        """Duration f* of b [s]; if b has no plan, against condition 3, the longest duration of the grid."""
         duration = float(self.map.exact(np.ones((1, self.k)))[0])
         return duration if np.isfinite(duration) else self.map.longest()
 
@@ -203,13 +251,14 @@ class BranchAndBound(Learner[BranchState]):
     # Boxes ------------------------------------------------------------------------------------------------
 
     def _widest(self, known: Knowledge, cut: float, along_diagonal: bool = False) -> Point | None:
-        """The point of the undecided box that is most worth a test; None without a box.
+        """Return the point of the undecided box that is most worth a test; None without such a box.
 
-        From the unit cube down, every box is contracted to what is undecided in it, dropped where its optimistic corner
-        costs `cut` or more by the interpolated f* or no side is over `delta`, and split in 2^k at its point where that
-        is decided already. The point is the middle of the box, or of what is undecided of its diagonal, as long as that
-        is more than `FRACTION` of it. The worth of a box is its volume times log(cut / f* of its optimistic corner).
-        Parts are never worth more than the whole, so boxes of less worth than the best point found need no look.
+        The search starts from the unit cube. Every box is contracted to its undecided part. It is dropped if its
+        optimistic corner costs `cut` or more by the interpolated f*, or if no side is over `delta`. It is split in 2^k
+        at its point if that point is already decided. The point is the middle of the box, or of the undecided part of
+        its diagonal as long as that part is more than `FRACTION` of it. The worth of a box is its volume times
+        log(cut / f* of its optimistic corner). A part is never worth more than the whole, so boxes of less worth than
+        the best point found are skipped.
         """
         best, point = 0.0, None
         low, high, worth = self._useful(known, cut, np.zeros((1, self.k)), np.ones((1, self.k)))
@@ -231,7 +280,7 @@ class BranchAndBound(Learner[BranchState]):
         return point
 
     def _useful(self, known: Knowledge, cut: float, low: Array, high: Array) -> tuple[Array, Array, Array]:
-        """Boxes (m, k), contracted, without those of no use, and what each is worth, (m,)."""
+        """Return boxes (m, k), contracted and without the useless ones, and the worth of each, (m,)."""
         low, high = known.contract(low, high)
         size = high - low
         wide = np.all(size > 0, axis=1) & np.any(size > self.delta, axis=1)
@@ -241,8 +290,8 @@ class BranchAndBound(Learner[BranchState]):
 
     def _places(
         self, known: Knowledge, cut: float, low: Array, high: Array, along_diagonal: bool
-    ) -> tuple[Array, Array]:
-        """Place of each box's point on its diagonal, (m,), and whether it is worth a test, (m,)."""
+    ) -> tuple[Array, Flags]:
+        """Return the place of each box's point on its diagonal, (m,), and whether it is worth a test, (m,)."""
         size = high - low
         if not along_diagonal:
             middle = low + 0.5 * size
@@ -258,17 +307,17 @@ class BranchAndBound(Learner[BranchState]):
 
 
 TOGETHER = 64
-"""Boxes that are looked at together."""
+"""Number of boxes that are examined together."""
 
 HALVINGS = 6
-"""Of the diagonal of a box, to find where it gets too expensive."""
+"""Number of halvings of the diagonal of a box that find its first point that is too expensive."""
 
 FRACTION = 0.125
-"""Of the diagonal of a box: what is left undecided when the box is split (our choice)."""
+"""Undecided part of the diagonal of a box below which the box is split (our choice)."""
 
 
 def _split(low: Array, middle: Array, high: Array) -> tuple[Array, Array]:
-    """The 2^k parts of boxes (m, k) at their points: lower and upper corners."""
+    """Split boxes (m, k) in 2^k parts at their points; return the lower and the upper corners."""
     sides = [np.array(side) for side in product((False, True), repeat=low.shape[1])]
     lows = [np.where(side, middle, low) for side in sides]
     highs = [np.where(side, high, middle) for side in sides]
@@ -277,7 +326,11 @@ def _split(low: Array, middle: Array, high: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, kw_only=True)
 class Midpoint(BranchAndBound):
-    """Tests the middle of the box most worth splitting."""
+    """The baseline: the middle of the box that is most worth splitting is tested.
+
+    This is plain branch and bound, kept for comparison with `bnb-diagonal` and `bnb-informed`, which need fewer
+    executions.
+    """
 
     name: ClassVar[str] = "bnb-midpoint"
 
@@ -287,7 +340,7 @@ class Midpoint(BranchAndBound):
 
 @dataclass(frozen=True, kw_only=True)
 class Diagonal(BranchAndBound):
-    """Bisects along the diagonal of the box most worth splitting, to the boundary of success, then splits there."""
+    """Bisection along the diagonal of the box that is most worth splitting, up to the boundary of success."""
 
     name: ClassVar[str] = "bnb-diagonal"
 

@@ -1,4 +1,4 @@
-"""The fastest plan that meets a stated success rate with a stated confidence: `ilrobs-calibrated` (ours)."""
+"""Search for the fastest plan with a given success rate at a given confidence: `ilrobs-calibrated` (ours)."""
 
 from __future__ import annotations
 
@@ -8,15 +8,24 @@ from math import ceil, log, log1p, log2, sqrt
 from typing import ClassVar
 
 from robustopt.errors import ConfigError
-from robustopt.learning.learner import Belief, End, Learner, Result, Row, State, Trial
+from robustopt.learning.learner import Learner, Row, State, Trial
 from robustopt.learning.moments import ErrorInterval, Moments, interval_of
+from robustopt.learning.outcomes import Belief, End, Result
 from robustopt.learning.sequential import SequentialTest, Verdict, shortest_acceptance
 from robustopt.learning.settings import require_friction, require_level, require_positive
 
 
 @dataclass(frozen=True)
 class CalibratedState(State):
-    """chain: which K is searched; low, high, halvings: of mu in that chain; errors: of the first chain's executions."""
+    """The state of the calibrated search.
+
+    Attributes:
+        low: lower end of the interval of mu in the current chain.
+        high: its upper end.
+        chain: index of the current K.
+        halvings: number of halvings in the current chain.
+        errors: acceleration errors of the executions in the first chain.
+    """
 
     low: float = 0.0
     high: float = 1.0
@@ -27,26 +36,32 @@ class CalibratedState(State):
 
 @dataclass(frozen=True, kw_only=True)
 class Calibrated(Learner[CalibratedState]):
-    """Searches (mu, K) for the fastest plan whose success rate is at least p, by sequential tests.
+    """A search over (mu, K) for the fastest plan with a success rate of at least p, by sequential tests.
 
-    One chain for each K: mu is halved geometrically between its bounds. A belief without a plan, or whose plan is not
-    faster than the best accepted one by `resolution`, is passed over without executions, and mu goes up. A plan that
-    its test accepts becomes the best, and mu goes up; any other lowers mu. The first chain has K = 0, plans without
-    acceleration errors; its executions give the U and Delta of the others. A chain halves until its ends differ by
-    `resolution` in duration where friction alone binds, T ~ 1 / sqrt(mu). A belief may be given that is tested before
-    all chains, such as the best one of ILROBS, so that the result is not slower where that one is accepted.
+    There is one chain for each K, in which mu is bisected geometrically between its bounds. If there is no plan, or one
+    that is not faster than the best accepted plan by `resolution`, mu rises without an execution. A plan that its test
+    accepts becomes the best, and mu rises; any other plan lowers mu. The first chain has K = 0, that is, plans without
+    acceleration errors; its executions give U and Delta for the other chains. A chain bisects until its ends differ by
+    `resolution` in duration if friction alone binds, T ~ 1 / sqrt(mu). A first belief, such as the best one of ILROBS,
+    may be tested before all chains: if it is accepted, the result is not slower.
 
-    **Error.** At most M tests are made: (number of K) * (halvings of a chain), and 1 for a belief given. Each has the
-    level (1 - confidence) / M and executions of its own. Given all that went before, which includes the choice of the
-    plan, the j-th test accepts a plan of a rate below p with probability at most its level (`SequentialTest`); so
-    without that condition too. By the union bound over j, the probability that *any* plan of a rate below p is ever
-    accepted, the best one among them, is at most 1 - confidence. This needs that executions of one plan are independent
-    with one success rate. It needs nothing else: no monotone success, no right U and Delta; these only help to find a
-    fast plan.
+    **Error.** At most M tests are made: (number of K) * (halvings of a chain), plus 1 for a first belief. Each has the
+    level (1 - confidence) / M and executions of its own. Given all earlier outcomes, and so the choice of the plan, the
+    j-th test accepts a plan of a rate below p with probability at most its level (`SequentialTest`); so it does without
+    that condition too. By the union bound over j, the probability that *any* plan of a rate below p is ever accepted,
+    the best one among them, is at most 1 - confidence. This assumes that executions of one plan are independent with
+    one success rate. It assumes nothing else: neither monotone success nor correct U and Delta, which only help to find
+    a fast plan.
 
-    rate: p; confidence; friction: bounds of mu, above 0; resolution: relative difference of durations that matters;
-    K_values: from 0; futility: largest probability to reject a plan that meets p; patience: a test gives up after this
-    many times the executions that an acceptance takes at least
+    Attributes:
+        rate: success rate p.
+        confidence: probability that no plan of a lower rate is accepted.
+        friction: bounds of mu, above 0.
+        resolution: relative difference of durations that matters.
+        K_values: values of K, 0 first.
+        futility: largest probability that a test rejects a plan of a rate of at least p.
+        patience: a test gives up after this many times the executions of the shortest acceptance.
+        first: belief that is tested before all chains; None for none.
     """
 
     name: ClassVar[str] = "ilrobs-calibrated"
@@ -74,41 +89,46 @@ class Calibrated(Learner[CalibratedState]):
 
     @cached_property
     def depth(self) -> int:
-        """Halvings of a chain, so that neighbours differ by at most (1 + resolution)^2 in mu."""
+        """Number of halvings of a chain, after which its ends differ by at most (1 + resolution)^2 in mu."""
         low, high = self.friction
         return max(1, ceil(log2(log(high / low) / (2 * log1p(self.resolution)))))
 
     @property
     def tests(self) -> int:
-        """M, the largest number of tests."""
+        """Largest number M of tests."""
         return len(self.K_values) * self.depth + (self.first is not None)
 
     @cached_property
     def test(self) -> SequentialTest:
-        """The test that every plan is put to."""
+        """The test of every plan."""
         level = (1 - self.confidence) / self.tests
         return SequentialTest(
             self.rate, level, self.futility, ceil(self.patience * shortest_acceptance(self.rate, level))
         )
 
     def initial(self) -> CalibratedState:
+        """Return the state before the first plan, which is for the first belief, if given."""
         low, high = map(float, self.friction)
         state = CalibratedState(low=low, high=high)
         return self._advance(state) if self.first is None else replace(state, trial=Trial(self.first))
 
-    def _wanted(self, state: CalibratedState, trial: Trial) -> tuple[int, float]:
+    def wanted(self, state: CalibratedState, trial: Trial) -> tuple[int, float]:
+        """Return the executions after which the test gives up."""
         return self.test.limit - trial.executions, 1.0
 
-    def _infeasible(self, state: CalibratedState, trial: Trial) -> CalibratedState:
+    def infeasible(self, state: CalibratedState, trial: Trial) -> CalibratedState:
+        """Raise mu."""
         return self._next(state, trial, Result.INFEASIBLE)
 
-    def _planned(self, state: CalibratedState, trial: Trial) -> CalibratedState:
+    def planned(self, state: CalibratedState, trial: Trial) -> CalibratedState:
+        """Execute the plan if it is faster than the best one by `resolution`; otherwise raise mu."""
         best = self.best(state)
         if best is None or _duration(trial) * (1 + self.resolution) <= _duration(best.trial):
             return replace(state, trial=trial)
         return self._next(state, trial, Result.NOT_FASTER)
 
-    def _executed(self, state: CalibratedState, trial: Trial) -> CalibratedState:
+    def executed(self, state: CalibratedState, trial: Trial) -> CalibratedState:
+        """Continue the test, or move mu by its verdict."""
         verdict = self.test.verdict(trial.successes, trial.failures)
         if verdict is Verdict.OPEN:
             return replace(state, trial=trial)
@@ -132,7 +152,7 @@ class Calibrated(Learner[CalibratedState]):
         return self._advance(replace(state, rows=(*state.rows, row), halvings=state.halvings + 1))
 
     def _advance(self, state: CalibratedState) -> CalibratedState:
-        """The state with the next belief to test: the middle of the chain, or of the next one where that is done."""
+        """Return the state with the next trial: the middle of the chain, or of the next one if the chain is done."""
         if state.halvings == self.depth:
             low, high = map(float, self.friction)
             state = replace(state, chain=state.chain + 1, halvings=0, low=low, high=high)
@@ -143,7 +163,7 @@ class Calibrated(Learner[CalibratedState]):
         return replace(state, trial=Trial(Belief(sqrt(state.low * state.high), error)))
 
     def _error(self, state: CalibratedState) -> ErrorInterval | None:
-        """The interval that the chain plans for; None after the last chain, and where no error was seen."""
+        """Return the error interval of the chain; None after the last chain, and if no error was observed."""
         if state.chain == 0:
             return ErrorInterval()
         if state.chain == len(self.K_values):

@@ -9,11 +9,17 @@ from robustopt.confidence import confidence_earned, lower_bound, successes_neede
 
 @dataclass(frozen=True)
 class Earned:
-    """What `successes` executions in a row, and none failed, say of the success rate of a plan.
+    """The statements about a plan's success rate that follow from successes in a row without a failure.
 
-    rate, confidence: those that are asked about; lower: bound of the rate at that confidence for a plan that was tested
-    alone; simultaneous: bound for the best of `tests` plans that were tested one after the other; earned: confidence
-    in `rate`; needed: successes in a row that would show `rate` at `confidence`
+    Attributes:
+        successes: number of executions, all of which succeeded.
+        rate: success rate in question.
+        confidence: confidence in question.
+        tests: number of plans that were tested one after the other.
+        lower: lower bound of the rate at this confidence, for a plan that was tested alone.
+        simultaneous: lower bound of the rate at this confidence, for the best of all tested plans.
+        earned: confidence in the rate in question.
+        needed: successes in a row that would show the rate in question at the confidence in question.
     """
 
     successes: int
@@ -27,6 +33,7 @@ class Earned:
 
     @property
     def sentence(self) -> str:
+        """The statements in words."""
         shown = "success shows" if self.successes == 1 else "successes in a row show"
         return (
             f"{self.successes} {shown} a success rate of at least {self.lower:.3g} at "
@@ -37,11 +44,23 @@ class Earned:
 
 
 def earned(successes: int, rate: float, confidence: float = 0.95, tests: int = 1) -> Earned:
-    """What successes in a row earn.
+    """Return the statements that follow from successes in a row.
 
-    A plan of rate r passes n executions with probability r^n, so r >= (1 - confidence)^(1/n), else something happened
-    that has probability 1 - confidence. Of `tests` plans put to this, each with executions of its own, one that passes
-    may owe it to luck more often; by the union bound, a level of (1 - confidence) / tests for each makes up for it.
+    A plan of rate r passes n executions with probability r^n, so r >= (1 - confidence)^(1/n) unless an event of
+    probability 1 - confidence has happened. Among several tested plans, each with executions of its own, one of a lower
+    rate is more likely to pass; by the union bound, a level of (1 - confidence) / tests for each makes up for it.
+
+    Args:
+        successes: number n of executions, all of which succeeded.
+        rate: success rate in question.
+        confidence: confidence in question.
+        tests: number of plans that were tested one after the other.
+
+    Returns:
+        The statements.
+
+    Raises:
+        RobustOptError: the rate or the confidence is not between 0 and 1.
     """
     return Earned(
         successes=successes,

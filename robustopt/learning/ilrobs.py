@@ -7,14 +7,23 @@ from functools import cached_property
 from typing import ClassVar
 
 from robustopt.confidence import Reading, paper_executions
-from robustopt.learning.learner import Belief, End, Learner, Result, Row, State, Trial
+from robustopt.learning.learner import Learner, Row, State, Trial
 from robustopt.learning.moments import ErrorInterval, interval_of, shrunk
+from robustopt.learning.outcomes import Belief, End, Result
 from robustopt.learning.settings import require_friction, require_positive
 
 
 @dataclass(frozen=True)
 class IlrobsState(State):
-    """low, high: [mu_low, mu_upp]; error: U and Delta of the latest executions; returning: planning the answer."""
+    """The state of ILROBS.
+
+    Attributes:
+        low: mu_low, lower end of the remaining interval.
+        high: mu_upp, its upper end.
+        error: interval from U and Delta of the latest executions.
+        iteration: number of the current iteration, from 1.
+        returning: whether the answer is being planned.
+    """
 
     low: float = 0.0
     high: float = 1.0
@@ -27,19 +36,23 @@ class IlrobsState(State):
 class Ilrobs(Learner[IlrobsState]):
     """Bisection on mu in which a plan must succeed N_e(K) times in a row (paper, Alg. 2).
 
-    Every plan survives the errors U -+ K Delta that the executions of the plan before it showed, up to its first
-    failure; U = Delta = 0 at first. The first failure sets mu_upp to mu, N_e(K) = ceil(1 / (1 - Phi(K))) successes set
-    mu_low to mu; it ends when mu_upp - mu_low <= delta. What it returns, (mu_low, U, Delta), was never executed as
-    such: that belief is planned at the end, as the last row of the history, beside the best plan that was executed.
+    Every plan survives the errors U -+ K Delta observed in the executions of the previous plan, up to its first
+    failure; at first U = Delta = 0. The first failure lowers mu_upp to mu; N_e(K) = ceil(1 / (1 - Phi(K))) successes
+    raise mu_low to mu. The search ends when mu_upp - mu_low <= delta. The paper's answer (mu_low, U, Delta) was never
+    executed as such: it is planned at the end, as the last row of the history, beside the best plan that was executed.
 
-    The text's loop begins with the middle of the interval, and halving [0, 1] to delta = 0.05 takes 5 iterations. The
+    The paper's listing starts in the middle of the interval, and halving [0, 1] to delta = 0.05 takes 5 iterations. The
     paper's run took 6, from an initial estimate of 1, so by default mu_init itself is tried first, as in Alg. 1.
 
-    A belief without a plan: the error interval is given up in halves (see `shrunk`). If not even the problem without
-    errors has a plan, mu_low rises to mu, because less friction leaves even less (our choice).
+    If there is no plan, the error interval is halved (see `shrunk`). If there is no plan even without errors, mu_low
+    rises to mu, because less friction permits even less (our choice).
 
-    friction: first mu_low and mu_upp; K: deviations; delta: width at which to stop; reading: of Phi;
-    try_upper: whether mu_init is tried first
+    Attributes:
+        K: number of standard deviations.
+        friction: the first mu_low and mu_upp.
+        delta: width of the interval at which the search ends.
+        reading: definition of Phi.
+        try_upper: whether mu_init is tried first.
     """
 
     name: ClassVar[str] = "ilrobs"
@@ -58,24 +71,28 @@ class Ilrobs(Learner[IlrobsState]):
 
     @cached_property
     def executions(self) -> int:
-        """N_e(K)."""
+        """Number N_e(K) of successes in a row that a plan needs."""
         return paper_executions(self.K, self.reading)
 
     def initial(self) -> IlrobsState:
+        """Return the state before the first plan, which is for mu_init without errors."""
         low, high = map(float, self.friction)
         first = high if self.try_upper else (low + high) / 2
         return IlrobsState(trial=Trial(Belief(first, ErrorInterval())), low=low, high=high)
 
-    def _wanted(self, state: IlrobsState, trial: Trial) -> tuple[int, float]:
+    def wanted(self, state: IlrobsState, trial: Trial) -> tuple[int, float]:
+        """Return the executions that the plan still lacks."""
         return self.executions - trial.executions, 1.0
 
-    def _planned(self, state: IlrobsState, trial: Trial) -> IlrobsState:
+    def planned(self, state: IlrobsState, trial: Trial) -> IlrobsState:
+        """Execute the plan, or end the search if it is the answer."""
         if not state.returning:
             return replace(state, trial=trial)
         rows = (*state.rows, self._row(state, trial, Result.NOT_EXECUTED))
         return replace(state, rows=rows, trial=None, end=End.INTERVAL)
 
-    def _infeasible(self, state: IlrobsState, trial: Trial) -> IlrobsState:
+    def infeasible(self, state: IlrobsState, trial: Trial) -> IlrobsState:
+        """Try a smaller error interval; without one, raise mu_low to mu."""
         smaller = shrunk(trial.belief.error)
         if smaller is not None:
             rows = (*state.rows, self._row(state, trial, Result.INFEASIBLE))
@@ -85,7 +102,8 @@ class Ilrobs(Learner[IlrobsState]):
             return replace(state, rows=rows, trial=None, end=End.INTERVAL)
         return self._next(replace(state, low=trial.friction), trial, Result.INFEASIBLE)
 
-    def _executed(self, state: IlrobsState, trial: Trial) -> IlrobsState:
+    def executed(self, state: IlrobsState, trial: Trial) -> IlrobsState:
+        """Move an end of the interval at the first failure or the last success."""
         if trial.failures == 0 and trial.successes < self.executions:
             return replace(state, trial=trial)
         if trial.errors.count:

@@ -1,4 +1,4 @@
-"""`bnb-informed`: the execution that is expected to gain most, by a model of where the boundary may lie (ours)."""
+"""Choice of the execution with the largest expected gain, by a model of the boundary: `bnb-informed` (ours)."""
 
 from __future__ import annotations
 
@@ -9,84 +9,96 @@ from typing import ClassVar
 import numpy as np
 from scipy.special import betaincc
 
+from robustopt.arrays import Array, Flags
 from robustopt.learning.boundary import Cloud, cloud
 from robustopt.learning.branch_and_bound import BranchAndBound, BranchState
-from robustopt.learning.learner import Result, Trial
+from robustopt.learning.learner import Trial
 from robustopt.learning.monotone import Knowledge
-from robustopt.learning.parameters import Array, Point
+from robustopt.learning.outcomes import Result
+from robustopt.learning.parameters import Point
 
 CANDIDATES = 2000
-"""Points of the whole cube that are looked at; about as many lie near what succeeded."""
+"""Number of candidates in the whole cube; about as many lie near the cheapest successes."""
 
 FINALISTS = 250
-"""Candidates whose gain is looked two executions ahead."""
+"""Number of candidates whose expected gain is computed two executions ahead."""
 
 DOUBT = 0.03
-"""Weight of the chance by distances beside that of the model, which may be wrong."""
+"""Weight of the chance by distances, beside the chance by the model, which may be wrong."""
 
 PROBES = (0.5, 0.8)
-"""Chances of meeting the rate with which plans are executed in a noisy world, in turn."""
+"""Smallest chance of meeting the rate for a plan to be executed in a noisy world, in turn."""
 
 TRUST = 0.8
-"""Chance of meeting the rate with which a plan may be the incumbent in a noisy world."""
+"""Smallest chance of meeting the rate for a plan to be the incumbent in a noisy world."""
 
 PLAIN = 0.3
-"""Weight of the chance by monotony alone beside that of the model, in a noisy world."""
+"""Weight of the chance by monotony alone, beside the chance by the model, in a noisy world."""
 
 SUSPICION = 0.05
-"""In a noisy world a point is ruled out where the posterior chance that it meets the rate is under it."""
+"""Posterior chance of meeting the rate below which a point is ruled out in a noisy world."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Informed(BranchAndBound):
-    """Tests the point of the largest expected gain of this execution and the next.
+    """A learner that tests the point with the largest expected gain of this execution and the next.
 
     With P the posterior chance of success, U the cost to beat and f the cost of a candidate,
 
         value(c) = P(c) (U - f(c)) + max_d P(c and d) (f(c) - f(d))^+ + max_d P(not c, and d) (U - f(d)).
 
     The samples of `boundary` give the joint chances. P(c) in the first term is mixed with the chance by distances to
-    the decided regions, so that a boundary like none of the samples is found too.
+    the decided regions, so that a boundary unlike all samples is found too.
 
-    A boundary that is like no sample leaves the model sure that nothing cheaper succeeds, and its hope in what is
-    unlikely and far. So while at most one of the last `RECENT` executions succeeded, every second one is chosen without
-    it: `_along_axes`.
+    A boundary unlike all samples makes the model wrongly certain that nothing cheaper succeeds, so that it proposes
+    unlikely and distant points. Therefore, while at most one of the last `RECENT` executions succeeded, every second
+    point is chosen without the model (`_along_axes`).
 
-    In one dimension every boundary is a threshold, and the middle of what is undecided is tested.
+    In one dimension every boundary is a threshold, and the middle of the undecided interval is tested.
 
     **Noisy world** (`executions_per_plan` N over 1). Success means a rate of at least 1 - 1/N, about Phi(K) for
     N = N_e(K). Every execution is a trial of its own and moves the posterior. The chance that a point meets the rate is
-    that of the model, mixed with that of `_chance_by_monotony`, which knows no model. The cheapest point with a chance
-    of at least that of `PROBES` is executed, be it new or not; the incumbent is the cheapest success with a chance of
-    at least `TRUST`, so it changes when later failures make it doubtful. A point is ruled out where the chance by the
-    model is under `SUSPICION`: the lower bound then holds by the model, not for certain.
+    the chance by the model, mixed with `_chance_by_monotony`, which uses no model. The cheapest point with a chance of
+    at least `PROBES` is executed, whether it is new or not. The incumbent is the cheapest success with a chance of at
+    least `TRUST`, so it changes when later failures make it doubtful. A point is ruled out if its chance by the model
+    is under `SUSPICION`: the lower bound then holds by the model, not for certain.
     """
 
     name: ClassVar[str] = "bnb-informed"
 
     @property
     def noisy(self) -> bool:
+        """Whether executions of one plan vary."""
         return self.executions_per_plan > 1
 
     @property
     def rate(self) -> float:
-        """Success rate that is asked for in a noisy world."""
+        """Success rate that a plan must meet in a noisy world."""
         return 1 - 1 / self.executions_per_plan
 
     @property
     def _room(self) -> int:
         return 1
 
-    def _wanted(self, state: BranchState, trial: Trial) -> tuple[int, float]:
+    def wanted(self, state: BranchState, trial: Trial) -> tuple[int, float]:
+        """Return one execution at planned speed."""
         return 1, 1.0
 
-    def _executed(self, state: BranchState, trial: Trial) -> BranchState:
+    def executed(self, state: BranchState, trial: Trial) -> BranchState:
+        """Record the outcome, which ends the trial."""
         return self._after(state, trial, Result.FAILURE if trial.failures else Result.SUCCESS)
 
-    # What is known ----------------------------------------------------------------------------------------
+    # Knowledge --------------------------------------------------------------------------------------------
 
     def posterior(self, state: BranchState) -> Cloud:
-        """Samples of the boundary, given all executions so far."""
+        """Return samples of the boundary, given all executions so far.
+
+        Args:
+            state: the state.
+
+        Returns:
+            Samples of the posterior.
+        """
         pairs = [
             (point, row.result is Result.SUCCESS)
             for row, point in zip(state.rows, state.points, strict=True)
@@ -94,16 +106,24 @@ class Informed(BranchAndBound):
         ]
         return cloud(self.k, self.noisy, [point for point, _ in pairs], [success for _, success in pairs])
 
-    def meets(self, model: Cloud, margin: Array) -> Array:
-        """Whether a margin means success, by every sample, (M, m) -> (M, m)."""
+    def meets(self, model: Cloud, margin: Array) -> Flags:
+        """Return whether a margin means success, by every sample.
+
+        Args:
+            model: the samples.
+            margin: margins, (M, m), in units of the cube.
+
+        Returns:
+            Whether each margin is large enough, (M, m).
+        """
         return margin >= model.sigma * (NormalDist().inv_cdf(self.rate) if self.noisy else 0.0)
 
     def _chance(self, model: Cloud, points: Array) -> Array:
-        """Posterior chance that points (m, k) meet what is asked for, (m,)."""
+        """Return the posterior chance that points (m, k) mean success, (m,)."""
         return np.mean(self.meets(model, model.margin(points)), axis=0)
 
     def _confidence(self, state: BranchState, model: Cloud, points: Array) -> Array:
-        """Chance that points (m, k) meet the rate in a noisy world, by the model and by monotony alone, (m,)."""
+        """Return the chance that points (m, k) meet the rate in a noisy world, by model and monotony, (m,)."""
         plain = _chance_by_monotony(self.knowledge(state), points, self.rate)
         return (1 - PLAIN) * self._chance(model, points) + PLAIN * plain
 
@@ -150,14 +170,15 @@ class Informed(BranchAndBound):
         return widest
 
     def _stalled(self, state: BranchState) -> bool:
-        """Whether the model is passed over: every second time while hardly anything of what it chose succeeds."""
+        """Return whether the next point is chosen without the model: every second time while its points fail."""
         executed = [row.result is Result.SUCCESS for row in state.rows if row.result is not Result.INFEASIBLE]
         return len(executed) >= RECENT and sum(executed[-RECENT:]) <= 1 and len(executed) % 2 == 0
 
     def _along_axes(self, known: Knowledge, cut: float) -> Point | None:
-        """The cheapest success with one parameter moved halfway to where that is known to fail; the cheapest of these.
+        """Move one parameter of the cheapest success halfway to a value that is known to fail.
 
-        None where no success is known, or none of these points is undecided and costs less than `cut`.
+        Return the cheapest of these points; None if no success is known, or if none of these points is undecided and
+        costs less than `cut`.
         """
         if not len(known.successes):
             return None
@@ -172,7 +193,7 @@ class Informed(BranchAndBound):
         return tuple(points[np.argmin(costs)].tolist()) if costs.min(initial=np.inf) < cut else None
 
     def _probe(self, state: BranchState, known: Knowledge, cut: float) -> Point | None:
-        """The cheapest candidate that is likely enough to meet the rate; without one, the likeliest."""
+        """Return the cheapest candidate that is likely enough to meet the rate; without one, the likeliest."""
         points = np.vstack([self._candidates(state, known, cut), known.successes, known.failures])
         points = points[np.argsort(self.map.guide(points), kind="stable")]
         least = PROBES[len(state.rows) % len(PROBES)]
@@ -190,7 +211,7 @@ class Informed(BranchAndBound):
         return None
 
     def _candidates(self, state: BranchState, known: Knowledge, cut: float) -> Array:
-        """Points (m, k) under the cost, undecided where there is no noise: over the cube and near what succeeded."""
+        """Return candidates (m, k) that cost less than `cut`; without noise they are undecided too."""
         random = np.random.default_rng([self.k, len(state.rows)])
         sets = [random.random((CANDIDATES, self.k))]
         best = known.successes[np.argsort(self.map.exact(known.successes), kind="stable")[:NEAR]]
@@ -207,7 +228,7 @@ class Informed(BranchAndBound):
         return points[(self.map.guide(points) < cut) & known.undecided(points)]
 
     def _value(self, model: Cloud, known: Knowledge, points: Array, costs: Array, cut: float) -> Array:
-        """Expected gain of testing each candidate and then the best of what follows, (m,) [s]."""
+        """Return the expected gain of testing each candidate and then the best next one, (m,) [s]."""
         margin = model.margin(points)
         meets = self.meets(model, margin).astype(float)
         both, chance = meets.T @ meets / len(meets), meets.mean(axis=0)
@@ -218,23 +239,26 @@ class Informed(BranchAndBound):
 
 
 ROUGH = 0.2
-"""What the chance by a part of the samples may lack of that by all of them, for a candidate to be looked at again."""
+"""Largest deficit of the chance by a part of the samples for which the chance by all samples is computed."""
 
 RECENT = 4
-"""Executions of which at most one succeeded where the model is passed over every second time."""
+"""Number of executions, at most one of which succeeded, after which every second point is chosen without the model."""
 
 TOGETHER = 64
-"""Candidates that are looked at together."""
+"""Number of candidates that are examined together."""
 
 ATTEMPTS = 20
-"""Best candidates of which one must cost little enough by f* itself, not only by its interpolation."""
+"""Number of best candidates whose f* is computed exactly until one is cheap enough."""
 
 NEAR = 3
-"""Cheapest successes near which candidates are drawn."""
+"""Number of cheapest successes near which candidates are sampled."""
 
 
 def _chance_by_distance(known: Knowledge, points: Array) -> Array:
-    """Chance of success from the distances to what failed and to what succeeded, (m,); a and b stand for these too."""
+    """Return the chance of success from the distances to the nearest failure and success, (m,).
+
+    The ends a and b count as a failure and a success.
+    """
     k = points.shape[1]
     failures, successes = np.vstack([np.zeros((1, k)), known.failures]), np.vstack([np.ones((1, k)), known.successes])
     up = np.min([np.linalg.norm(np.maximum(points - failure, 0), axis=1) for failure in failures], axis=0)
@@ -243,10 +267,10 @@ def _chance_by_distance(known: Knowledge, points: Array) -> Array:
 
 
 def _chance_by_monotony(known: Knowledge, points: Array, rate: float) -> Array:
-    """Chance of meeting a rate by a beta posterior of each point alone, (m,); its prior has that rate and weight 2.
+    """Return the chance of meeting a rate by a beta posterior for each point, (m,); its prior has weight 2.
 
-    A success at a point that is more optimistic counts for a point, a failure at one that is more conservative against
-    it: by monotony, the chance of these outcomes is at most, or at least, its own.
+    A success at a more optimistic point counts for a point, and a failure at a more conservative one against it: by
+    monotony, the chance of these outcomes is at most, or at least, its own.
     """
     for_it = np.all(known.successes[None] <= points[:, None], axis=2).sum(axis=1)
     against = np.all(known.failures[None] >= points[:, None], axis=2).sum(axis=1)

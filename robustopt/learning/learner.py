@@ -1,8 +1,9 @@
-"""The contract of all learners: ask what to plan or run next, tell what came of it, read what is known so far.
+"""The contract of all learners: ask for the next plan or execution, tell its outcome, read the result.
 
-A learner is an immutable value with its settings; what it has seen is an immutable `State`. `ask` and `tell` are pure
-functions of that state, so a state that was stored and read again has the same future. Learners know neither planner
-nor robot: a request names beliefs to plan with, an outcome is a duration or a success with the errors that were seen.
+A learner is an immutable value with its settings; all that it has seen is an immutable `State`. `ask` and `tell` are
+pure functions of that state, so a state that was stored and read again has the same future. Learners know neither the
+planner nor the robot: a request names the values to plan with, and an outcome is a duration, or a success or failure
+with the acceleration errors that were observed.
 
     state = learner.initial()
     while (request := learner.ask(state)) is not None:
@@ -15,119 +16,41 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from enum import Enum
 from typing import Any, ClassVar, Generic, TypeVar
 
 from pydantic import TypeAdapter
 
 from robustopt.errors import RobustOptError
 from robustopt.learning.moments import ErrorInterval, Moments, Values
+from robustopt.learning.outcomes import Belief, End, Executed, Outcome, Planned, Request, Result
 
-
-@dataclass(frozen=True)
-class Belief:
-    """What a plan is made with in place of what the configuration says; None leaves that as it is.
-
-    friction: coefficient of friction of all learned interfaces; error: interval of joint acceleration error;
-    parameters: other values by their keys in the configuration, such as ("contact.friction.upper", 0.31)
-    """
-
-    friction: float | None = None
-    error: ErrorInterval | None = None
-    parameters: tuple[tuple[str, float], ...] = ()
-
-
-@dataclass(frozen=True)
-class Request:
-    """What a learner wants next.
-
-    belief: what to plan with; the plan of a belief is always the same, so it is made once
-    executions: 0 asks for the plan alone; else run the plan, and tell each execution in turn, until the learner asks
-        for something else, which it does after this many at the latest
-    speed: the plan is run this many times as fast
-    first: number of the next execution of this learner, from 0; random streams belong to these numbers
-    """
-
-    belief: Belief
-    executions: int
-    speed: float
-    first: int
-
-
-@dataclass(frozen=True)
-class Planned:
-    """Outcome of a request for a plan: its duration [s], or None where there is no plan."""
-
-    duration: float | None
-
-
-@dataclass(frozen=True)
-class Executed:
-    """Outcome of one execution; errors: of its motion samples alone, empty where it gave none."""
-
-    success: bool
-    errors: Moments = field(default_factory=Moments)
-
-
-Outcome = Planned | Executed
-
-
-class Result(Enum):
-    """What became of a plan that a learner asked for."""
-
-    SUCCESS = "success"
-    FAILURE = "failure"
-    UNDECIDED = "undecided"
-    INFEASIBLE = "infeasible"
-    NOT_FASTER = "not faster"
-    NOT_EXECUTED = "not executed"
-
-    @property
-    def sentence(self) -> str:
-        return {
-            Result.SUCCESS: "The executions met what the learner asks of them.",
-            Result.FAILURE: "The executions did not meet what the learner asks of them.",
-            Result.UNDECIDED: "The executions allowed did not decide, which counts as a failure.",
-            Result.INFEASIBLE: "There is no plan for this belief.",
-            Result.NOT_FASTER: "The plan is hardly faster than the best one, so it was not executed.",
-            Result.NOT_EXECUTED: "What the algorithm returns; it was planned, but not executed as such.",
-        }[self]
-
-
-class End(Enum):
-    """Why a learner is finished."""
-
-    NEAR_OPTIMAL = "near-optimal"
-    INTERVAL = "interval"
-    STABLE = "stable"
-    ITERATION_LIMIT = "iteration limit"
-    GAP = "gap"
-    BOXES = "boxes"
-    BUDGET = "budget"
-    NO_SUCCESS = "no success"
-    NO_PLAN = "no plan"
-
-    @property
-    def sentence(self) -> str:
-        return {
-            End.NEAR_OPTIMAL: "The sped-up execution failed, so the plan is near-optimal.",
-            End.INTERVAL: "The interval of the coefficient of friction is as small as was asked for.",
-            End.STABLE: "The interval of the acceleration error is stable.",
-            End.ITERATION_LIMIT: "The interval of the acceleration error did not settle in the iterations allowed.",
-            End.GAP: "The best plan is as close to the lower bound as was asked for.",
-            End.BOXES: "No undecided box of parameters is larger than was asked for.",
-            End.BUDGET: "The executions allowed are used up.",
-            End.NO_SUCCESS: "No plan that was tested succeeded.",
-            End.NO_PLAN: "There is no plan, even for the most optimistic belief.",
-        }[self]
+__all__ = [
+    "Belief",
+    "End",
+    "Executed",
+    "Learner",
+    "Outcome",
+    "Planned",
+    "Request",
+    "Result",
+    "Row",
+    "State",
+    "Trial",
+    "tell_all",
+]
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A plan under test: its belief, its duration once it is planned [s], and what its executions showed.
+    """A plan under test and the outcomes of its executions.
 
-    successes, failures: of executions at planned speed; sped_up: success of the one that is faster, None without it;
-    errors: of the executions at planned speed
+    Attributes:
+        belief: values to plan with.
+        duration: duration of the plan [s]; None before it is planned, and if there is none.
+        successes: number of executions at planned speed that succeeded.
+        failures: number of executions at planned speed that failed.
+        sped_up: success of the execution that is sped up; None without one.
+        errors: acceleration errors of the executions at planned speed.
     """
 
     belief: Belief
@@ -139,24 +62,31 @@ class Trial:
 
     @property
     def executions(self) -> int:
+        """Number of all executions."""
         return self.successes + self.failures + (self.sped_up is not None)
 
     @property
     def friction(self) -> float:
-        """The coefficient of friction of a learner that moves it."""
+        """Coefficient of friction of the belief, for learners that move it."""
         assert self.belief.friction is not None
         return self.belief.friction
 
 
 @dataclass(frozen=True)
 class Row:
-    """A trial that is over, with what the learner knows after it.
+    """A finished trial and the knowledge of the learner after it; None for figures that the learner does not have.
 
-    iteration: from 1; attempts with shrunk error intervals, and what is returned at the end, share it with the others
-        of their iteration
-    low, high: interval of the coefficient of friction after it, None where the learner has none
-    lower_bound: of the duration of any plan that succeeds, after it [s]; gap: of the best plan to it, relative;
-    contradictions: successes below failures so far, in pairs; None where the learner has none of these
+    Attributes:
+        iteration: number of the iteration, from 1. Attempts with smaller error intervals belong to the same iteration,
+            and so does the answer that is planned at the end.
+        trial: the trial.
+        result: its result.
+        low: lower end of the interval of the coefficient of friction.
+        high: upper end of the interval of the coefficient of friction.
+        lower_bound: lower bound of the duration of any plan that succeeds [s].
+        gap: relative difference of the best plan to the lower bound.
+        contradictions: number of pairs so far in which a less conservative plan succeeded and a more conservative one
+            failed.
     """
 
     iteration: int
@@ -169,7 +99,7 @@ class Row:
     contradictions: int | None = None
 
     def record(self) -> dict[str, float | int | str | bool | Values | dict[str, float] | None]:
-        """The paper's columns (Table 1) and what stands behind them, as plain values."""
+        """Return the columns of the paper's Table 1, and the figures behind them, as plain values."""
         trial = self.trial
         error = trial.belief.error or ErrorInterval()
         return {
@@ -197,7 +127,14 @@ class Row:
 
 @dataclass(frozen=True)
 class State:
-    """What every learner has seen: trials that are over, the one under way (None: finished), executions so far."""
+    """All that a learner has seen; learners with further state derive their own class from it.
+
+    Attributes:
+        rows: finished trials, in order.
+        trial: the trial under way; None once the learner is finished.
+        executed: number of executions so far.
+        end: reason for which the learner is finished; None before.
+    """
 
     rows: tuple[Row, ...] = ()
     trial: Trial | None = None
@@ -209,92 +146,188 @@ S = TypeVar("S", bound=State)
 
 
 class Learner(ABC, Generic[S]):
-    """A learner: settings in its own fields, what it has seen in a state of `state_type`."""
+    """A learner: its fields are its settings; all that it has seen is in a state.
+
+    A learner defines `initial`, `wanted`, `infeasible` and `executed`, and `planned` if it does not execute every plan.
+
+    Attributes:
+        name: name of the algorithm.
+        state_type: class of the state.
+    """
 
     name: ClassVar[str]
-    state_type: ClassVar[type[State]]
+    state_type: ClassVar[type[State]] = State
 
-    # What a learner defines ------------------------------------------------------------------------------
+    # Methods that a learner defines ----------------------------------------------------------------------
 
     @abstractmethod
     def initial(self) -> S:
-        """The state before anything is planned."""
+        """Return the state before anything is planned, with the first trial."""
 
     @abstractmethod
-    def _wanted(self, state: S, trial: Trial) -> tuple[int, float]:
-        """Largest number of further executions of the plan under test, at least 1, and their speed."""
+    def wanted(self, state: S, trial: Trial) -> tuple[int, float]:
+        """Return the number of executions that the plan under test needs next, and their speed.
+
+        Args:
+            state: the state.
+            trial: the plan under test.
+
+        Returns:
+            The largest number of further executions, at least 1, and the factor by which the plan is sped up.
+        """
 
     @abstractmethod
-    def _infeasible(self, state: S, trial: Trial) -> S:
-        """The state after the belief under test turned out to have no plan."""
+    def infeasible(self, state: S, trial: Trial) -> S:
+        """Return the state after the discovery that there is no plan for the belief under test.
+
+        Args:
+            state: the state before.
+            trial: the trial, without a duration.
+
+        Returns:
+            The state with the next trial, or with an end.
+        """
 
     @abstractmethod
-    def _executed(self, state: S, trial: Trial) -> S:
-        """The state after an execution, which is counted in `trial` already."""
+    def executed(self, state: S, trial: Trial) -> S:
+        """Return the state after an execution.
 
-    def _planned(self, state: S, trial: Trial) -> S:
-        """The state after the belief under test was planned; by default the plan is executed next."""
+        Args:
+            state: the state before.
+            trial: the trial, in which the execution is counted already.
+
+        Returns:
+            The state with this trial if it needs further executions, with the next one, or with an end.
+        """
+
+    def planned(self, state: S, trial: Trial) -> S:
+        """Return the state after the belief under test was planned; by default the plan is executed next.
+
+        Args:
+            state: the state before.
+            trial: the trial, with the duration of its plan.
+
+        Returns:
+            The state with this trial, with the next one, or with an end.
+        """
         return replace(state, trial=trial)
 
-    # What all learners share -----------------------------------------------------------------------------
+    # Methods that all learners share ---------------------------------------------------------------------
 
     def ask(self, state: S) -> Request | None:
-        """What to plan or to run next; None when finished."""
+        """Return the next request.
+
+        Args:
+            state: the state.
+
+        Returns:
+            A request for a plan or for executions; None if the learner is finished.
+        """
         trial = state.trial
         if trial is None:
             return None
         if trial.duration is None:
             return Request(trial.belief, 0, 1.0, state.executed)
-        executions, speed = self._wanted(state, trial)
+        executions, speed = self.wanted(state, trial)
         return Request(trial.belief, executions, speed, state.executed)
 
     def tell(self, state: S, outcome: Outcome) -> S:
-        """The state after the outcome of what was asked; the given state stays as it is.
+        """Return the state after the outcome of a request.
 
-        Raises RobustOptError where the outcome does not answer what was asked.
+        Args:
+            state: the state that the request is from; it stays as it is.
+            outcome: the outcome.
+
+        Returns:
+            The next state.
+
+        Raises:
+            RobustOptError: the outcome does not answer the request.
         """
         trial = state.trial
         if trial is None:
             raise RobustOptError(f"{self.name}: told an outcome after its end; expected nothing more")
         if isinstance(outcome, Planned):
             if trial.duration is not None:
-                raise RobustOptError(f"{self.name}: told a plan; expected an execution, which is what was asked for")
+                raise RobustOptError(f"{self.name}: told a plan; expected an execution, as requested")
             if outcome.duration is None:
-                return self._infeasible(state, trial)
-            return self._planned(state, replace(trial, duration=float(outcome.duration)))
+                return self.infeasible(state, trial)
+            return self.planned(state, replace(trial, duration=float(outcome.duration)))
         if trial.duration is None:
-            raise RobustOptError(f"{self.name}: told an execution; expected a plan, which is what was asked for")
+            raise RobustOptError(f"{self.name}: told an execution; expected a plan, as requested")
         counted = replace(state, executed=state.executed + 1)
-        return self._executed(counted, _count(trial, outcome, self._wanted(state, trial)[1]))
+        return self.executed(counted, _count(trial, outcome, self.wanted(state, trial)[1]))
 
     def finished(self, state: S) -> bool:
-        """Whether nothing is left to ask; `state.end` says why."""
+        """Return whether there is no further request; `state.end` is the reason.
+
+        Args:
+            state: the state.
+
+        Returns:
+            Whether the learner is finished.
+        """
         return state.trial is None
 
     def best(self, state: S) -> Row | None:
-        """The latest plan that succeeded, which is the best so far; None without one."""
+        """Return the best plan so far, by default the latest one that succeeded.
+
+        Args:
+            state: the state.
+
+        Returns:
+            Its row; None if no plan succeeded.
+        """
         return next((row for row in reversed(state.rows) if row.result is Result.SUCCESS), None)
 
     def returned(self, state: S) -> Row | None:
-        """What the algorithm returns: the best plan, but where it returns one that was not executed as such, that."""
+        """Return the answer of the algorithm: the best plan, or a plan of its own that was not executed as such.
+
+        Args:
+            state: the state.
+
+        Returns:
+            Its row; None if no plan succeeded.
+        """
         last = state.rows[-1] if state.rows else None
         return last if last is not None and last.result is Result.NOT_EXECUTED else self.best(state)
 
     def history(self, state: S) -> tuple[Row, ...]:
-        """Every trial that is over, in order."""
+        """Return every finished trial, in order.
+
+        Args:
+            state: the state.
+
+        Returns:
+            The rows.
+        """
         return state.rows
 
     def dump(self, state: S) -> str:
-        """The state as JSON; `load` gives exactly the same state."""
+        """Return the state as JSON, from which `load` restores exactly the same state.
+
+        Args:
+            state: the state.
+
+        Returns:
+            A JSON object.
+        """
         return _adapter(self.state_type).dump_json(state).decode()
 
     def load(self, text: str) -> S:
-        """The state that `dump` wrote."""
+        """Restore a state that `dump` wrote.
+
+        Args:
+            text: the JSON object.
+
+        Returns:
+            The state.
+        """
         return _adapter(self.state_type).validate_json(text)
 
 
 def _count(trial: Trial, outcome: Executed, speed: float) -> Trial:
-    """The trial with one more execution; one at another speed than the planned one is kept apart."""
+    """Return the trial with one more execution; a sped-up one is kept apart."""
     if speed != 1.0:
         return replace(trial, sped_up=outcome.success)
     return replace(
@@ -306,10 +339,18 @@ def _count(trial: Trial, outcome: Executed, speed: float) -> Trial:
 
 
 def tell_all(learner: Learner[S], state: S, outcomes: Iterable[Executed]) -> tuple[S, int]:
-    """Tell executions of one request that were run together, and how many of them counted.
+    """Tell a learner the executions of one request that were run together.
 
-    They are told in the order of their numbers until the learner asks for something else; what was run beyond that is
-    not looked at, so that any number of workers gives what one gives.
+    They are told in the order of their numbers until the request changes; the rest is ignored. So the result does not
+    depend on the number of executions that are run together.
+
+    Args:
+        learner: the learner.
+        state: the state that the request is from.
+        outcomes: the executions, in the order of their numbers.
+
+    Returns:
+        The next state, and the number of executions that were told.
     """
     asked = learner.ask(state)
     used = 0
@@ -323,7 +364,7 @@ def tell_all(learner: Learner[S], state: S, outcomes: Iterable[Executed]) -> tup
 
 
 _ADAPTERS: dict[type[State], TypeAdapter[Any]] = {}
-"""How the states of each learner are written and read; made once, because making one is slow."""
+"""Adapters that write and read the states of each learner; made once, because making one is slow."""
 
 
 def _adapter(state_type: type[State]) -> TypeAdapter[Any]:

@@ -1,4 +1,4 @@
-"""Acceleration errors as sufficient statistics, and the interval that they give (paper eq. 9)."""
+"""Acceleration errors as sufficient statistics, and the error interval that they give (paper eq. 9)."""
 
 from __future__ import annotations
 
@@ -11,10 +11,12 @@ Values = tuple[float, ...]
 
 @dataclass(frozen=True)
 class Moments:
-    """Count, sum and sum of squares of the executed minus the planned joint acceleration, over samples of motion.
+    """Count, sum and sum of squares of the actual minus the planned joint acceleration, over samples of the motion.
 
-    count: samples per joint; total, squares: one value per joint, (n,) [rad/s^2] and [(rad/s^2)^2]; empty tuples
-    where there is no sample
+    Attributes:
+        count: number of samples per joint.
+        total: sum for each joint, (n,) [rad/s^2]; empty without samples.
+        squares: sum of squares for each joint, (n,) [(rad/s^2)^2]; empty without samples.
     """
 
     count: int = 0
@@ -23,13 +25,22 @@ class Moments:
 
     @staticmethod
     def of_means(count: int, mean: Sequence[float], mean_square: Sequence[float]) -> Moments:
-        """Moments of `count` samples per joint with this mean and mean square, (n,) each."""
+        """Return the moments of samples with a given mean and mean square.
+
+        Args:
+            count: number of samples per joint.
+            mean: mean for each joint, (n,) [rad/s^2].
+            mean_square: mean of the squares for each joint, (n,) [(rad/s^2)^2].
+
+        Returns:
+            The moments; empty for no samples.
+        """
         if count == 0:
             return Moments()
         return Moments(count, tuple(count * value for value in mean), tuple(count * value for value in mean_square))
 
     def __add__(self, other: Moments) -> Moments:
-        """The moments of both sets of samples together."""
+        """Return the moments of both sets of samples together."""
         if not self.count:
             return other
         if not other.count:
@@ -42,22 +53,25 @@ class Moments:
 
     @property
     def mean(self) -> Values:
-        """U, (n,) [rad/s^2]; empty without a sample."""
+        """Mean U of the samples, (n,) [rad/s^2]; empty without samples."""
         return tuple(value / self.count for value in self.total)
 
     @property
     def deviation(self) -> Values:
-        """Delta, the maximum-likelihood deviation of all samples about U, (n,) [rad/s^2]; empty without a sample."""
+        """Maximum-likelihood standard deviation Delta about U, (n,) [rad/s^2]; empty without samples."""
         means = zip(self.squares, self.mean, strict=True)
         return tuple(sqrt(max(square / self.count - mean * mean, 0.0)) for square, mean in means)
 
 
 @dataclass(frozen=True)
 class ErrorInterval:
-    """The joint acceleration error a plan survives: [U - w, U + w] with w = share K Delta (paper eq. 9, share = 1).
+    """Joint acceleration errors that a plan survives: share [U - K Delta, U + K Delta] (paper eq. 9 for share = 1).
 
-    mean, deviation: U and Delta, (n,) [rad/s^2], empty where no error is known, which is an error of 0; share: part of
-    U and of K Delta that is planned for, less than 1 where the whole leaves no plan
+    Attributes:
+        mean: U, (n,) [rad/s^2]; empty if no error is known, which stands for an error of 0.
+        deviation: Delta, (n,) [rad/s^2]; empty like `mean`.
+        K: number of standard deviations.
+        share: planned part of the interval, less than 1 if the whole interval leaves no plan.
     """
 
     mean: Values = ()
@@ -67,26 +81,43 @@ class ErrorInterval:
 
     @property
     def middle(self) -> Values:
-        """share U, (n,) [rad/s^2]."""
+        """Middle of the interval, share U, (n,) [rad/s^2]."""
         return tuple(self.share * value for value in self.mean)
 
     @property
     def half_width(self) -> Values:
-        """share K Delta, (n,) [rad/s^2]."""
+        """Half of its width, share K Delta, (n,) [rad/s^2]."""
         return tuple(self.share * self.K * value for value in self.deviation)
 
     @property
     def is_zero(self) -> bool:
+        """Whether the interval holds the error 0 alone."""
         return not any(self.middle) and not any(self.half_width)
 
 
 def interval_of(moments: Moments, K: float) -> ErrorInterval:
-    """[U - K Delta, U + K Delta] of the samples."""
+    """Return the interval [U - K Delta, U + K Delta] of samples.
+
+    Args:
+        moments: the samples.
+        K: number of standard deviations.
+
+    Returns:
+        The whole interval.
+    """
     return ErrorInterval(moments.mean, moments.deviation, K)
 
 
 def endpoint_change(old: ErrorInterval, new: ErrorInterval) -> float:
-    """Largest distance by which an endpoint of any joint's interval moves [rad/s^2]; no interval is [0, 0]."""
+    """Return the largest distance by which an end of any joint's interval moves.
+
+    Args:
+        old: the interval before.
+        new: the interval after.
+
+    Returns:
+        A distance [rad/s^2]; an empty interval counts as [0, 0].
+    """
     size = max(len(old.mean), len(new.mean))
     zeros = (0.0,) * size
     old_middle, old_width = old.middle or zeros, old.half_width or zeros
@@ -99,15 +130,21 @@ def endpoint_change(old: ErrorInterval, new: ErrorInterval) -> float:
 
 
 SHARES = (1.0, 0.5, 0.25, 0.125, 0.0)
-"""Parts of a learned interval that are tried in turn where the whole of it leaves no plan (our choice)."""
+"""Parts of an error interval that are planned for in turn, until there is a plan (our choice)."""
 
 
 def shrunk(interval: ErrorInterval | None) -> ErrorInterval | None:
-    """The interval with the next smaller share; None where nothing is left to give up.
+    """Return an error interval with the next smaller share.
 
-    A robust problem without a solution asks too much. Less friction only asks for more, so the interval is given up in
-    halves, down to the problem without errors. What the smaller interval is worth, executions decide (our choice; the
-    paper says nothing of it).
+    A learner calls it if a plan for the interval does not exist. Lower friction would only demand more, so the learner
+    halves the interval, down to the problem without errors, and lets executions decide whether the smaller interval is
+    enough (our choice; the paper does not treat this case).
+
+    Args:
+        interval: the interval that was planned for.
+
+    Returns:
+        The smaller interval; None if the given one is zero already.
     """
     if interval is None or interval.is_zero:
         return None

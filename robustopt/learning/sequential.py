@@ -1,4 +1,4 @@
-"""A sequential test of a success rate: it may look after every execution and stops as soon as it is sure."""
+"""Sequential test of a success rate: it looks after every execution and stops as soon as it is certain enough."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from robustopt.confidence import log_evidence
 
 
 class Verdict(Enum):
-    """What a test says of a plan so far."""
+    """The state of a test of a plan."""
 
     ACCEPTED = "accepted"
     REJECTED = "rejected"
@@ -20,13 +20,21 @@ class Verdict(Enum):
 
 @dataclass(frozen=True)
 class SequentialTest:
-    """Test of "the success rate is at least `rate`", wrong with probability at most `level` when it accepts.
+    """A test of "the success rate is at least `rate`" that accepts wrongly with probability at most `level`.
 
-    It accepts when the evidence for a rate above `rate` reaches 1 / level, rejects when that for a rate below reaches
-    1 / futility, and gives up as soon as it cannot accept within `limit` executions any more. A plan whose rate is at
-    most `rate` is ever accepted with probability at most `level` (see `log_evidence`); giving up early only lowers
-    that. A plan whose rate is at least `rate` is rejected with probability at most `futility`, which costs speed, not
-    safety.
+    The test accepts when the evidence for a rate above `rate` reaches 1 / level. It rejects when the evidence for a
+    rate below `rate` reaches 1 / futility. It stays undecided as soon as it can no longer accept within `limit`
+    executions.
+
+    A plan with a rate of at most `rate` is ever accepted with probability at most `level` (see `log_evidence`); an
+    early end only lowers it. A plan with a rate of at least `rate` is rejected with probability at most `futility`,
+    which costs speed, not safety.
+
+    Attributes:
+        rate: success rate to be shown.
+        level: largest probability of a wrong acceptance.
+        futility: largest probability of a wrong rejection.
+        limit: largest number of executions.
     """
 
     rate: float
@@ -35,6 +43,15 @@ class SequentialTest:
     limit: int
 
     def verdict(self, successes: int, failures: int) -> Verdict:
+        """Return the state of the test after some executions.
+
+        Args:
+            successes: number of executions that succeeded.
+            failures: number of executions that failed.
+
+        Returns:
+            The verdict; OPEN as long as the test needs further executions.
+        """
         if log_evidence(successes, failures, self.rate, above=True) >= -log(self.level):
             return Verdict.ACCEPTED
         if log_evidence(successes, failures, self.rate, above=False) >= -log(self.futility):
@@ -42,12 +59,20 @@ class SequentialTest:
         return Verdict.OPEN if self._in_reach(successes, failures) else Verdict.UNDECIDED
 
     def _in_reach(self, successes: int, failures: int) -> bool:
-        """Whether it would accept if all executions up to the limit succeeded."""
+        """Return whether the test would accept if all executions up to the limit succeeded."""
         return log_evidence(self.limit - failures, failures, self.rate, above=True) >= -log(self.level)
 
 
 def shortest_acceptance(rate: float, level: float) -> int:
-    """Successes in a row after which a `SequentialTest` accepts: the least that any plan takes."""
+    """Return the number of successes in a row after which a `SequentialTest` accepts; no plan needs fewer executions.
+
+    Args:
+        rate: success rate to be shown.
+        level: largest probability of a wrong acceptance.
+
+    Returns:
+        A number of executions.
+    """
     high = 1
     while log_evidence(high, 0, rate, above=True) < -log(level):
         high *= 2

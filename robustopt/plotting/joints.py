@@ -4,23 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
+from robustopt.arrays import Array, Flags, Indices
 from robustopt.plotting.style import BLUE, INK, VERMILLION, joint_unit
 from robustopt.solvers.contact_forces import planned_forces
+from robustopt.solvers.plan import Plan
 from robustopt.solvers.trajectory import Trajectory, joint_motion
 
-if TYPE_CHECKING:
-    from robustopt.solvers.plan import Plan
-
-Array = NDArray[np.float64]
 JOINTS_PER_FIGURE = 7
 VALUE: dict[str, Any] = {"color": BLUE, "linewidth": 1.4}
 BINDING: dict[str, Any] = {"color": VERMILLION, "linewidth": 2.4}
@@ -31,13 +28,15 @@ UNITS = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s²", "tor
 
 @dataclass(frozen=True)
 class Quantity:
-    """One quantity of every joint at both ends of every interval: M times, n joints.
+    """One quantity of n joints at M instants, the two ends of every interval.
 
     Attributes:
-        name: position, velocity, acceleration or torque, as in the names of the limits.
-        value: shape (M, n).
-        lower, upper: limits, shape (n,).
-        robust_lower, robust_upper: limits less what the uncertain parameters may add, shape (M, n), or None.
+        name: "position", "velocity", "acceleration" or "torque", as in the names of the limits.
+        value: Nominal values, shape (M, n).
+        lower: Lower limits, shape (n,).
+        upper: Upper limits, shape (n,).
+        robust_lower: Lower limits tightened by the uncertain parameters, shape (M, n), or None.
+        robust_upper: Upper limits tightened by the uncertain parameters, shape (M, n), or None.
     """
 
     name: str
@@ -48,9 +47,9 @@ class Quantity:
     robust_upper: Array | None = None
 
     def shrunk_limits(self, joint: int) -> list[Array]:
-        """Robust limits of a joint that lie inside its limits most of the time, each of shape (M,).
+        """Return the tightened limits of a joint, (M,) each, that differ from its limits most of the time.
 
-        Where a joint turns round, dry friction takes both signs: that alone shrinks the torque limits for a moment.
+        When a joint reverses, dry friction takes both signs, which tightens the torque limits for a moment only.
         """
         pairs = ((self.robust_lower, self.lower[joint]), (self.robust_upper, self.upper[joint]))
         shown = [(robust[:, joint], limit) for robust, limit in pairs if robust is not None]
@@ -58,20 +57,34 @@ class Quantity:
 
 
 def joint_figures(plan: Plan, title: str) -> list[Figure]:
-    """Figures with a row per quantity and a column per joint, `JOINTS_PER_FIGURE` joints to a figure.
+    """Draw position, velocity, acceleration and torque of the joints over time against their limits.
 
-    Solid lines are the limits, dotted ones the limits less what the uncertain parameters may add to the plan.
+    Solid lines are the limits, dotted ones the limits tightened by the uncertain parameters.
+
+    Args:
+        plan: The plan.
+        title: The title of each figure.
+
+    Returns:
+        Figures with one row per quantity and one column per joint, `JOINTS_PER_FIGURE` joints each.
     """
     times, quantities = joint_quantities(plan)
-    driven = np.flatnonzero(np.isfinite(plan.problem.robot.limits.torque)).tolist()
+    robot = plan.problem.robot
+    driven = list(range(robot.n)[robot.motors])
     groups = [driven[k : k + JOINTS_PER_FIGURE] for k in range(0, len(driven), JOINTS_PER_FIGURE)]
     return [_figure(plan, times, quantities, group, title) for group in groups]
 
 
 def joint_quantities(plan: Plan) -> tuple[Array, list[Quantity]]:
-    """Times (M,) [s] and the four quantities at both ends of every interval that has a length.
+    """Return the four quantities at both ends of every interval that has a length.
 
-    Accelerations and torques jump at the grid points: each has the value before and the value after it.
+    Accelerations and torques jump at the grid points; each point has the value before and the value after it.
+
+    Args:
+        plan: The plan.
+
+    Returns:
+        Times, shape (M,), [s], and position, velocity, acceleration and torque.
     """
     trajectory = Trajectory.from_plan(plan)
     moving = np.flatnonzero(np.diff(trajectory.times) > 0)
@@ -85,7 +98,7 @@ def joint_quantities(plan: Plan) -> tuple[Array, list[Quantity]]:
         Quantity("velocity", motion.qd, -limits.velocity, limits.velocity),
         _acceleration(plan, motion.qdd),
     ]
-    if plan.problem.config.walks:
+    if plan.problem.robot.contacts:
         planned = planned_forces(plan).torque[1:-1]
         quantities.append(Quantity("torque", planned, -limits.torque, limits.torque))
     else:
@@ -94,7 +107,7 @@ def joint_quantities(plan: Plan) -> tuple[Array, list[Quantity]]:
 
 
 def _acceleration(plan: Plan, value: Array) -> Quantity:
-    """Joint acceleration; the limits less its error."""
+    """Return the joint acceleration, its limits tightened by the acceleration error."""
     limit = plan.problem.robot.limits.acceleration
     middle, radius = plan.problem.limits.uncertainty.error.arrays
     lower, upper = (
@@ -104,10 +117,11 @@ def _acceleration(plan: Plan, value: Array) -> Quantity:
     return Quantity("acceleration", value, -limit, limit, lower, upper)
 
 
-def _torque(plan: Plan, points: NDArray[np.intp], u: Array, x: Array) -> Quantity:
-    """Nominal joint torque, payload and joint friction included; the limits less what all uncertain parameters may add.
+def _torque(plan: Plan, points: Indices, u: Array, x: Array) -> Quantity:
+    """Return the nominal joint torque, load and joint friction included, its limits tightened by all parameters.
 
-    points: grid point of each value, starts and ends of intervals in turn, (M,); u, x: there, (M,)
+    `points` (M,) holds the grid point of each value, starts and ends of intervals in turn; `u` and `x` (M,) belong to
+    them.
     """
     limit = plan.problem.robot.limits.torque
     value = np.empty((len(points), len(limit)))
@@ -136,21 +150,21 @@ def _figure(plan: Plan, times: Array, quantities: list[Quantity], joints: Sequen
 
 
 def _draw_legend(figure: Figure, shrunk: bool) -> None:
-    """One line below the axes."""
-    styles = {"plan": VALUE, "plan, its limit binds": BINDING, "limit": LIMIT}
+    """Draw the legend as one line below the axes."""
+    styles = {"plan": VALUE, "plan, limit binds": BINDING, "limit": LIMIT}
     if shrunk:
-        styles["limit less what is uncertain"] = ROBUST_LIMIT
+        styles["limit, tightened by the uncertainty"] = ROBUST_LIMIT
     handles = [Line2D([], [], **style) for style in styles.values()]
     figure.legend(handles, list(styles), loc="outside lower left", ncols=len(styles))
 
 
-def _binding(plan: Plan, limit: str) -> NDArray[np.bool_]:
-    """Whether `limit` binds on each interval that has a length, shape (M/2,)."""
+def _binding(plan: Plan, limit: str) -> Flags:
+    """Return whether a limit binds on each interval that has a length, (M/2,)."""
     moves = np.diff(Trajectory.from_plan(plan).times) > 0
     return np.array([limit in active for active in plan.active], dtype=bool)[moves]
 
 
-def _draw(axes: Axes, times: Array, quantity: Quantity, joint: int, binds: NDArray[np.bool_]) -> None:
+def _draw(axes: Axes, times: Array, quantity: Quantity, joint: int, binds: Flags) -> None:
     value = quantity.value[:, joint]
     for limit in (quantity.lower[joint], quantity.upper[joint]):
         if np.isfinite(limit):
@@ -166,7 +180,7 @@ def _draw(axes: Axes, times: Array, quantity: Quantity, joint: int, binds: NDArr
 
 
 def _scale_to_limits(axes: Axes, lower: float, upper: float, value: Array) -> None:
-    """Show the limits and what lies beyond them; ticks at the limits, and at zero where it is not close to one."""
+    """Show the limits and all values beyond them, with ticks at the limits, and at zero unless it is close to one."""
     span = upper - lower
     if not np.isfinite(span):
         axes.locator_params(axis="y", nbins=3)

@@ -2,36 +2,37 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.legend_handler import HandlerTuple
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
+from robustopt.arrays import Array, Flags
+from robustopt.limits import TimeScalingProblem
 from robustopt.plotting.style import GREY, INK, OTHER, PALE, VERMILLION, limit_colours, percent
 from robustopt.plotting.velocity_limit import velocity_limits
+from robustopt.solvers.plan import Plan
 from robustopt.solvers.trajectory import NO_LIMIT, binding_shares
 
-if TYPE_CHECKING:
-    from robustopt.limits import TimeScalingProblem
-    from robustopt.solvers.plan import Plan
-
-Array = NDArray[np.float64]
-
 PIECES_PER_INTERVAL = 8
-"""sd is a root of s on an interval, drawn as this many straight lines."""
+"""Number of straight lines that stand for sd on an interval, which is the root of a linear function of s."""
 
 
 def phase_plane(plan: Plan, title: str) -> Figure:
-    """Figure of sd over s with the velocity limit curves, above a strip per limit that shows where it binds.
+    """Draw sd over s with the velocity limit curves, above one strip per limit that marks the intervals it binds on.
 
-    The profile has the colour of the limit that binds there; where several do, of the one with the largest share of
-    the duration. The strips show them all. A plan that was not found leaves the curves, and shows where no speed is
-    admissible, where the robot must stop although it may not stand still, and where the solver found the conflict.
+    The profile has the colour of the binding limit; if several bind, of the one with the largest share of the duration.
+    The strips show all of them. The figure of an empty plan has only the curves, and marks the points at which no speed
+    is admissible, the stops at which the robot cannot stand still, and the conflict that the solver found.
+
+    Args:
+        plan: A plan, or an empty one.
+        title: The title of the figure.
+
+    Returns:
+        The figure.
     """
     if plan.x.size == 0:
         figure = Figure(figsize=(9, 4))
@@ -65,9 +66,9 @@ def _with_strips(plan: Plan) -> Figure:
 
 
 def _draw_velocity_limits(plane: Axes, problem: TimeScalingProblem, top: float | None) -> None:
-    """The curves, the region outside of them, and the places where no speed is admissible.
+    """Draw the curves, the region outside of them, and the points at which no speed is admissible.
 
-    top: largest sd of the plan, which the picture is about; None shows all of the curves
+    `top` is the largest sd of the plan, which the axis is scaled to; None shows all of the curves.
     """
     low, high = velocity_limits(problem)
     ceiling = _ceiling(high, top)
@@ -87,7 +88,7 @@ def _draw_velocity_limits(plane: Axes, problem: TimeScalingProblem, top: float |
 
 
 def _ceiling(high: Array, top: float | None) -> float:
-    """Largest sd in the picture: all of the plan and some of the curve, however far above the plan it rises."""
+    """Return the largest sd of the axis: all of the plan, and some of the curve however far above the plan it is."""
     finite = high[np.isfinite(high)]
     highest = float(finite.max(initial=0.0)) or 1.0
     if top is None:
@@ -97,27 +98,27 @@ def _ceiling(high: Array, top: float | None) -> float:
 
 
 def _draw_conflict(plane: Axes, plan: Plan) -> None:
-    """Stops at which the robot may not stand still, and the grid point where the solver found the conflict."""
+    """Mark the stops at which the robot cannot stand still, and the grid point of the conflict."""
     low, _ = velocity_limits(plan.problem)
     stops = plan.problem.rest & (low > 0)
     if stops.any():
         plane.plot(
             plan.problem.s[stops], np.zeros(stops.sum()), "o", color=VERMILLION, clip_on=False, zorder=4,
-            label="must stop, may not stand still",
+            label="must stop, cannot stand still",
         )  # fmt: skip
     if plan.stuck >= 0:
         s = plan.problem.s[plan.stuck]
         plane.axvline(s, color=VERMILLION, linewidth=1.4, linestyle=":", label=f"conflict at s = {s:.3g}")
 
 
-def _widened(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """`mask` and its neighbours: an area needs two points."""
+def _widened(mask: Flags) -> Flags:
+    """Return the mask with its neighbours set too: an area needs two points."""
     padded = np.pad(mask, 1)
     return padded[:-2] | padded[1:-1] | padded[2:]
 
 
 def _draw_profile(plane: Axes, plan: Plan, shares: dict[str, float], colours: dict[str, str]) -> None:
-    """The profile as one curve per interval, in the colour of its most important limit."""
+    """Draw the profile as one curve per interval, in the colour of its most important limit."""
     rank = {name: k for k, name in enumerate(shares)}
     names = [min(active, key=rank.__getitem__) if active else NO_LIMIT for active in plan.active]
     at = np.linspace(0.0, 1.0, PIECES_PER_INTERVAL + 1)
@@ -126,28 +127,23 @@ def _draw_profile(plane: Axes, plan: Plan, shares: dict[str, float], colours: di
     curves = np.stack([s, sd], axis=2)
     plane.add_collection(
         LineCollection(
-            list(curves),
-            colors=[colours[name] for name in names],
-            linewidths=2.6,
-            capstyle="round",
-            zorder=3,
+            list(curves), colors=[colours[name] for name in names], linewidths=2.6, capstyle="round", zorder=3,
             clip_on=False,
         )
-    )
-
-
-def _draw_legend(plane: Axes, colours: list[str]) -> None:
-    """What is drawn beside the profile, and the profile itself as a line of several colours."""
-    handles, labels = plane.get_legend_handles_labels()
-    profile = tuple(Line2D([], [], color=colour, linewidth=2.6) for colour in colours)
-    plane.legend(
-        [profile, *handles], ["plan, coloured by what binds", *labels], loc="upper left", bbox_to_anchor=(1.0, 1.0),
-        handler_map={tuple: HandlerTuple(ndivide=None, pad=0)},
     )  # fmt: skip
 
 
+def _draw_legend(plane: Axes, colours: list[str]) -> None:
+    """Draw the legend, in which the profile is a line of several colours."""
+    handles, labels = plane.get_legend_handles_labels()
+    profile = tuple(Line2D([], [], color=colour, linewidth=2.6) for colour in colours)
+    names = ["plan, coloured by the binding limit", *labels]
+    several = {tuple: HandlerTuple(ndivide=None, pad=0)}
+    plane.legend([profile, *handles], names, loc="upper left", bbox_to_anchor=(1.0, 1.0), handler_map=several)
+
+
 def _strips(shares: dict[str, float], colours: dict[str, str]) -> dict[str, frozenset[str]]:
-    """Label of each strip and the limits it shows: one per limit with its own colour, one for all others."""
+    """Return the limits of each strip by its label: one strip per limit with a colour of its own, one for the rest."""
     own = {name: frozenset([name]) for name in shares if colours[name] != GREY}
     others = frozenset(name for name in shares if colours[name] == GREY)
     return {**own, OTHER: others} if others else own
@@ -156,7 +152,7 @@ def _strips(shares: dict[str, float], colours: dict[str, str]) -> dict[str, froz
 def _draw_strips(
     strip: Axes, plan: Plan, strips: dict[str, frozenset[str]], shares: dict[str, float], colours: dict[str, str]
 ) -> None:
-    """One row per limit: bars where it binds, its name and its share of the duration at the right."""
+    """Draw one row per limit: bars on the intervals it binds on, and its name and share at the right."""
     labels = []
     for row, (label, members) in enumerate(strips.items()):
         binds = [bool(members & set(active or (NO_LIMIT,))) for active in plan.active]
@@ -172,7 +168,7 @@ def _draw_strips(
 
 
 def _joined(spans: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Adjacent (start, length) spans as one, so that no hairline is seen between them."""
+    """Join adjacent (start, length) spans, so that no hairline is left between them."""
     joined: list[tuple[float, float]] = []
     for start, length in spans:
         if joined and start <= sum(joined[-1]) + 1e-12:

@@ -1,4 +1,4 @@
-"""The plane of two learned parameters: executions, what they rule out, and the contour lines of f* (paper, Fig. 8)."""
+"""Plane of two learned parameters: executions, the regions they decide, and contour lines of f* (paper, Fig. 8)."""
 
 from __future__ import annotations
 
@@ -8,35 +8,41 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from robustopt.arrays import Array, Flags
 from robustopt.plotting.style import BLUE, DARK_GREY, GREEN, INK, VERMILLION
-
-Array = NDArray[np.float64]
 
 TICKS = (0.0, 0.25, 0.5, 0.75, 1.0)
 
 
 @dataclass(frozen=True)
 class Plane:
-    """What is drawn.
+    """A learning run of two parameters, in the unit square: 0 is the optimistic end, 1 the conservative one.
 
-    labels: of the two parameters; ticks: their values at TICKS, (2, 5); durations: f* on a square grid of the unit
-    square, optimistic corner first, (n, n) [s], inf where there is no plan; points: of the executed plans, in order,
-    (m, 2), 0 optimistic, 1 conservative; succeeded: (m,)
+    Attributes:
+        labels: Names of the two parameters.
+        ticks: Their values at TICKS, shape (2, 5).
+        durations: f* on a square grid, optimistic corner first, shape (n, n), [s]; infinite without a plan.
+        points: The executed plans in order, shape (m, 2).
+        succeeded: Whether each of them succeeded, shape (m,).
     """
 
     labels: tuple[str, str]
     ticks: Array
     durations: Array
     points: Array
-    succeeded: NDArray[np.bool_]
+    succeeded: Flags
 
 
 def plane_figure(planes: Sequence[tuple[str, Plane]], after: Sequence[int]) -> Figure:
-    """A row for each learner, a column for each number of executed plans after which it is shown.
+    """Draw one row for each learner and one column for each number of executed plans.
 
-    planes: with the name of their learner; after: numbers of plans
+    Args:
+        planes: The planes, each with the name of its learner.
+        after: Numbers of executed plans.
+
+    Returns:
+        The figure.
     """
     rows, columns = len(planes), len(after)
     figure = Figure(figsize=(2.4 * columns + 1.2, 2.5 * rows + 0.5))
@@ -71,14 +77,14 @@ def _draw(axis: Axes, plane: Plane, count: int) -> None:
 
 
 def _shade(axis: Axes, points: Array, conservative: bool) -> None:
-    """All that is at least as conservative as one of the points, or at least as optimistic."""
+    """Shade the points that are at least as conservative as one of the given ones, or at least as optimistic."""
     edges = np.unique(np.concatenate([[0.0, 1.0], points[:, 0]]))
     middle = (edges[:-1] + edges[1:])[:, None] / 2
-    ruled_out = points[:, 0] <= middle if conservative else points[:, 0] >= middle
+    decided = points[:, 0] <= middle if conservative else points[:, 0] >= middle
     if conservative:
-        heights, base, colour = np.where(ruled_out, points[:, 1], 1.0).min(axis=1, initial=1.0), 1.0, GREEN
+        heights, base, colour = np.where(decided, points[:, 1], 1.0).min(axis=1, initial=1.0), 1.0, GREEN
     else:
-        heights, base, colour = np.where(ruled_out, points[:, 1], 0.0).max(axis=1, initial=0.0), 0.0, VERMILLION
+        heights, base, colour = np.where(decided, points[:, 1], 0.0).max(axis=1, initial=0.0), 0.0, VERMILLION
     axis.stairs(heights, edges, baseline=base, fill=True, color=colour, alpha=0.22, linewidth=0)
 
 
@@ -90,8 +96,8 @@ def _contours(axis: Axes, durations: Array) -> None:
     axis.clabel(lines, fmt="%.3g s", fontsize=6, colors=INK)
 
 
-def _best(plane: Plane, points: Array, succeeded: NDArray[np.bool_]) -> Array | None:
-    """The point of the fastest plan that succeeded, its f* read off the grid."""
+def _best(plane: Plane, points: Array, succeeded: Flags) -> Array | None:
+    """Return the point of the fastest plan that succeeded, by f* at the nearest point of the grid."""
     chosen = points[succeeded]
     if not len(chosen):
         return None

@@ -1,4 +1,4 @@
-"""Look of the figures, and how they are written so that the same run gives the same files."""
+"""Style of the figures, and writing them such that the same run gives the same files."""
 
 from __future__ import annotations
 
@@ -8,21 +8,19 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib.style
-import numpy as np
 from matplotlib.figure import Figure
 
+from robustopt.arrays import Flags
 from robustopt.solvers.trajectory import NO_LIMIT
-
-Array = np.ndarray
 
 BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY, INDIGO, WINE = (
     "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#332288", "#882255",
 )  # fmt: skip
 LIMIT_COLOURS = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY, INDIGO, WINE)
-"""Colours that people with a colour vision deficiency tell apart (Okabe and Ito; the last two of Paul Tol)."""
+"""Colours that people with a colour vision deficiency can tell apart (Okabe and Ito; the last two by Paul Tol)."""
 
 CONTACT_COLOURS = {"left_foot": BLUE, "right_foot": VERMILLION, "left_hand": GREEN, "right_hand": PURPLE}
-"""Colours of the contacts of a robot on its feet."""
+"""Colours of the contacts with the environment."""
 
 INK, DARK_GREY, GREY, PALE = "#222222", "#666666", "#b3b3b3", "#ececec"
 OTHER = "other limits"
@@ -53,35 +51,46 @@ STYLE: dict[str, Any] = {
 
 @contextmanager
 def house_style() -> Iterator[None]:
-    """Draw in the style of this package whatever the user's own settings are, and leave these as they were."""
+    """Draw in the style of this package; the user's own settings neither matter nor change."""
     with matplotlib.style.context(["default", STYLE]):
         yield
 
 
 def limit_colours(shares: Mapping[str, float]) -> dict[str, str]:
-    """Colour of every limit: the ones with the largest shares have their own, the rest that of `OTHER`.
+    """Return the colour of every limit; the limits with the largest shares have their own, the rest share one.
 
     Args:
-        shares: share of the duration by limit, largest first.
+        shares: Share of the duration by limit, largest first.
+
+    Returns:
+        Colour by limit, `OTHER` included.
     """
     names = [name for name in shares if name != NO_LIMIT]
     own = dict(zip(names, LIMIT_COLOURS, strict=False))
     return {**own, **dict.fromkeys(names[len(own) :], GREY), OTHER: GREY, NO_LIMIT: DARK_GREY}
 
 
-def joint_unit(unit: str, hinges: Array) -> str:
-    """The unit of a quantity of joints that turn, of ones that slide, or of both: rad/s, m/s or rad/s, m/s."""
+def joint_unit(unit: str, hinges: Flags) -> str:
+    """Return the unit of a quantity of several joints: "rad/s" for hinges, "m/s" for slides, "rad/s, m/s" for both.
+
+    Args:
+        unit: The unit for a hinge.
+        hinges: Whether each joint is a hinge, shape (n,).
+
+    Returns:
+        The unit, or both.
+    """
     sliding = "N" if unit == "N m" else unit.replace("rad", "m")
     return unit if hinges.all() else f"{unit}, {sliding}" if hinges.any() else sliding
 
 
 def percent(share: float) -> str:
-    """A share in words: `41 %`, `under 1 %`."""
+    """Format a share in [0, 1] as `41 %` or `under 1 %`."""
     return "under 1 %" if 0 < share < 0.01 else f"{100 * share:.0f} %"
 
 
 def save(figure: Figure, folder: Path, name: str, formats: Iterable[str] = ("svg", "png")) -> list[Path]:
-    """Write `figure` once per format and return the files; they carry neither date nor random identifiers."""
+    """Write a figure in each format, without date or random identifiers, and return the files."""
     paths = [folder / f"{name}.{suffix}" for suffix in formats]
     for path in paths:
         metadata = {"Date": None} if path.suffix == ".svg" else {"Software": None}

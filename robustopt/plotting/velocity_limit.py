@@ -1,39 +1,39 @@
-"""The velocity limit curves: the largest and the smallest speed at each grid point that some acceleration admits."""
+"""Velocity limit curves: the largest and the smallest speed at each grid point that some acceleration admits."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
-from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from robustopt.limits import TimeScalingProblem
-
-Array = NDArray[np.float64]
+from robustopt.arrays import Array
+from robustopt.limits import TimeScalingProblem
 
 UNBOUNDED = 1e12
-"""Where nothing limits x the search starts here; what stays at or above half of it is infinite (our choice)."""
+"""Start of the search if nothing bounds x; a result of at least half of it counts as infinite (our choice)."""
 
 VISCOUS_ROUNDS = 12
-"""Rounds of linearising the viscous torque; three to five are the rule."""
+"""Rounds of linearising the viscous torque; three to five are usual."""
 
 ROUNDING = 1e-12
 """Relative size below which a negative gap counts as rounding."""
 
 MOST_STEPS = 1000
-"""Each step moves to another pair of rows, so there are at most as many as pairs; a handful is the rule."""
+"""Each step moves to another pair of rows, so there are at most as many as pairs; a handful is usual."""
 
 
 def velocity_limits(problem: TimeScalingProblem) -> tuple[Array, Array]:
-    """Smallest and largest sd at each grid point, both of shape (P,), [1/s]; nan where no speed is admissible.
+    """Return the smallest and the largest admissible sd at each grid point.
 
-    They are the roots of the smallest and the largest x >= 0 for which some u satisfies a u + b x + c <= 0 with the
-    joint velocities within their limits. The smallest is 0 where the robot may stand still; the largest is infinite
-    where nothing limits it. Stops do not count: this is what the limits allow, not where the robot must stand.
+    They are the roots of the smallest and the largest x >= 0 for which some u satisfies a u + b x + c <= 0 and the
+    joint velocity limits hold. The smallest is 0 if the robot can stand still there; the largest is infinite if nothing
+    limits it. Stops of the path do not count. The viscous torque is exact on both curves if the smallest is 0, whatever
+    it was linearised about for the plan. Contacts without known facets count with the rows that the solver added, which
+    bound their cone from outside.
 
-    The viscous torque is exact at both curves if the smallest is 0, whatever it was linearised about for the plan.
-    Contacts whose cone has no known facets count with the rows that the solver added: an outer bound.
+    Args:
+        problem: The time-scaling problem.
+
+    Returns:
+        Smallest and largest sd, shape (P,) each, [1/s]; not a number if no speed is admissible.
     """
     problem = _with_all_facets(problem)
     least, most = _admissible_x(problem.with_reference(np.full_like(problem.limits.x_max, np.nan)))
@@ -43,7 +43,7 @@ def velocity_limits(problem: TimeScalingProblem) -> tuple[Array, Array]:
 
 
 def _admissible_x(problem: TimeScalingProblem) -> tuple[Array, Array]:
-    """Smallest and largest x of the rows at each grid point, both of shape (P,)."""
+    """Return the smallest and the largest x that the rows admit at each grid point, (P,) each."""
     a, b, c = problem.a, problem.b, problem.c
     highest = np.minimum(problem.limits.x_max, UNBOUNDED)
     rest = np.zeros_like(highest)
@@ -53,12 +53,11 @@ def _admissible_x(problem: TimeScalingProblem) -> tuple[Array, Array]:
 
 
 def _with_exact_viscous_torque(problem: TimeScalingProblem, most: Array) -> Array:
-    """Largest x with the viscous torque linearised about the result itself, (P,).
+    """Return the largest x with the viscous torque linearised about the result itself, (P,).
 
-    A tangent is an upper bound of the viscous torque that is exact where it touches. Rows with the tangent at any x
-    admit only what the exact torque admits, so after the first round the largest x grows from round to round.
-
-    most: largest x of rows with too little viscous torque, to start from
+    A tangent bounds the viscous torque from above and is exact at its point of contact. Rows with a tangent at any x
+    are therefore on the safe side, and after the first round the largest x grows from round to round. The search starts
+    from `most`, the largest x of rows with too little viscous torque.
     """
     reference = most
     for _ in range(VISCOUS_ROUNDS):
@@ -70,22 +69,28 @@ def _with_exact_viscous_torque(problem: TimeScalingProblem, most: Array) -> Arra
 
 
 def _with_all_facets(problem: TimeScalingProblem) -> TimeScalingProblem:
-    """The problem with all facets of its contact cones: a solver may have added only those that its plans violated."""
+    """Return the problem with all facets of its cones; a solver may have added only the violated ones."""
     contacts = [limit.with_all_facets() for limit in problem.limits.contacts]
     same = all(full is held for full, held in zip(contacts, problem.limits.contacts, strict=True))
     return problem if same else problem.with_contacts(contacts)
 
 
 def largest_x(a: Array, b: Array, c: Array, lowest: Array, highest: Array) -> Array:
-    """Solve max x subject to a u + b x + c <= 0, lowest <= x <= highest, at every grid point, (P,); nan: infeasible.
+    """Solve max x subject to a u + b x + c <= 0 and lowest <= x <= highest at every grid point.
 
-    Rows with a > 0 bound u from above by -(b x + c)/a, rows with a < 0 from below, so x is admissible where
+    Rows with a > 0 bound u from above by -(b x + c)/a, rows with a < 0 from below, so x is admissible if
     gap(x) = min of the upper minus max of the lower bounds is not negative. gap is concave and piecewise linear:
     Newton's method from the right of its largest root never oversteps it, and ends there after finitely many steps.
 
     Args:
-        a, b, c: rows, shape (P, m).
-        lowest, highest: bounds of x, finite, shape (P,).
+        a: Coefficients of u, shape (P, m).
+        b: Coefficients of x, shape (P, m).
+        c: Constants, shape (P, m).
+        lowest: Lower bounds of x, finite, shape (P,).
+        highest: Upper bounds of x, finite, shape (P,).
+
+    Returns:
+        The largest x, shape (P,); not a number at an infeasible point.
     """
     x, x_min = _range_without_u(a, b, c, lowest, highest)
     slope = np.divide(-b, a, out=np.zeros_like(b), where=a != 0)
@@ -101,7 +106,7 @@ def largest_x(a: Array, b: Array, c: Array, lowest: Array, highest: Array) -> Ar
 
 
 def _range_without_u(a: Array, b: Array, c: Array, lowest: Array, highest: Array) -> tuple[Array, Array]:
-    """Largest and smallest x that the bounds and the rows with a = 0 allow; nan where there is none."""
+    """Return the largest and the smallest x that the bounds and the rows with a = 0 allow; nan if there is none."""
     root = np.divide(-c, b, out=np.zeros_like(c), where=b != 0)
     upper = np.where((a == 0) & (b > 0), root, np.inf).min(axis=1, initial=np.inf)
     lower = np.where((a == 0) & (b < 0), root, -np.inf).max(axis=1, initial=-np.inf)
@@ -111,7 +116,7 @@ def _range_without_u(a: Array, b: Array, c: Array, lowest: Array, highest: Array
 
 
 def _gap(a: Array, slope: Array, offset: Array, x: Array) -> tuple[Array, Array]:
-    """Least upper minus greatest lower bound of u at x, and its derivative; both of shape (P,)."""
+    """Return the least upper minus the greatest lower bound of u at x, and its derivative, (P,) each."""
     bound = slope * x[:, None] + offset
     upper, upper_slope = _least(np.where(a > 0, bound, np.inf), slope)
     lower, lower_slope = _least(np.where(a < 0, -bound, np.inf), -slope)
@@ -119,7 +124,7 @@ def _gap(a: Array, slope: Array, offset: Array, x: Array) -> tuple[Array, Array]
 
 
 def _least(bound: Array, slope: Array) -> tuple[Array, Array]:
-    """Smallest entry of each row of `bound` and the slope that belongs to it; infinity and 0 where there is none."""
+    """Return the smallest entry of each row of `bound` and its slope; infinity and 0 for a row without entries."""
     if bound.shape[1] == 0:
         return np.full(len(bound), np.inf), np.zeros(len(bound))
     rows, best = np.arange(len(bound)), np.argmin(bound, axis=1)

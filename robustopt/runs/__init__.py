@@ -1,1 +1,1 @@
-"""Runs: folders that hold what was computed and executed, the journal of a learner, and the loop that feeds it."""
+"""Runs: folders with all that was computed and executed, the journal of a learner, and the loop that feeds it."""

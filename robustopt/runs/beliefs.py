@@ -1,4 +1,4 @@
-"""Plans for what a learner believes, in place of what the configuration says."""
+"""Plans for the values that a learner asks about, in place of the nominal ones of the configuration."""
 
 from __future__ import annotations
 
@@ -15,16 +15,19 @@ from robustopt.learning.learner import Belief
 from robustopt.learning.moments import ErrorInterval
 from robustopt.limits import rows_along, track_of
 from robustopt.limits.track import Track
-from robustopt.runs.experiment import PlanResult
+from robustopt.runs.plan_run import PlanResult
 from robustopt.solvers import Status, solve
 from robustopt.solvers.batch import with_setting
 
 
 def believing(config: Config, belief: Belief) -> Config:
-    """The configuration with a belief in place of what it says itself.
+    """Return the configuration with the values of a belief in place of its own.
 
     A learned coefficient of friction stands for all interfaces; a learned interval of the joint acceleration error
-    replaces the configured one. Raises ConfigError where a key of the belief does not fit.
+    replaces the configured one.
+
+    Raises:
+        ConfigError: a key of the belief does not fit the configuration.
     """
     values: dict[str, Any] = {}
     if belief.friction is not None:
@@ -38,9 +41,11 @@ def believing(config: Config, belief: Belief) -> Config:
 
 
 def learned_from(config: Config, keys: Sequence[str]) -> Config:
-    """The configuration without the intervals of friction that stand over coefficients which are learned.
+    """Return the configuration without the intervals of friction that replace learned coefficients.
 
-    keys: of the learned values, such as contact.friction or contact.friction.upper
+    Args:
+        config: the task.
+        keys: of the learned values, such as contact.friction or contact.friction.upper.
     """
     intervals = config.uncertainty.friction
     learned = [split_key(key) for key in keys if split_key(key)[:2] == ("contact", "friction")]
@@ -55,9 +60,9 @@ def learned_from(config: Config, keys: Sequence[str]) -> Config:
 
 
 def _acceleration(config: Config, error: ErrorInterval) -> Mapping[str, Any]:
-    """[U - K Delta, U + K Delta] as `uncertainty.joint_acceleration`; one value stands for all joints.
+    """Return [U - K Delta, U + K Delta] as `uncertainty.joint_acceleration`; one value stands for all joints.
 
-    Of a robot on its feet the first six are the base's, whose interval `uncertainty.base_acceleration` lies about 0.
+    The first six values of a legged robot are the base's, whose interval `uncertainty.base_acceleration` is symmetric.
     """
     if error.is_zero:
         return {"uncertainty.joint_acceleration": None}
@@ -77,33 +82,33 @@ def _acceleration(config: Config, error: ErrorInterval) -> Mapping[str, Any]:
 
 
 FINER_GRIDS = (1, 2, 4)
-"""Times as many collocation points as configured, in turn: what is violated between them shrinks with their square."""
+"""Factors on the configured number of collocation points, tried in turn: violations between grid points shrink with its
+square."""
 
 
 class Planner:
-    """Makes the plan of a belief, with its certificate; robot and path are the same for all beliefs.
-
-    certified: without it plans have no certificate, which is enough for what is compared with them
-    """
+    """Planner of beliefs, with certificates; robot and path are the same for all beliefs."""
 
     def __init__(self, config: Config, certified: bool = True) -> None:
+        """Make the planner of a task; certified: False for plans that only serve to compare durations."""
         self.config = config
         self._certified = certified
         self._latest: tuple[Belief, PlanResult] | None = None
         self._tracks: dict[int, Track] = {}
 
     def plan(self, belief: Belief) -> PlanResult:
-        """The plan of a belief; an infeasible problem is an outcome.
+        """Return the plan of a belief; an infeasible problem is an outcome.
 
-        Raises SolverFailed where a plan fails its certificate or the solver stops without an answer, and ConfigError
-        where the belief does not fit the configuration.
+        Raises:
+            SolverFailed: the plan fails its certificate, or the solver stops without an answer.
+            ConfigError: the belief does not fit the configuration.
         """
-        if self._latest is None or self._latest[0] != belief:  # the latest alone: plans are large, and soon made again
+        if self._latest is None or self._latest[0] != belief:  # keep one alone: plans are large, and soon made again
             self._latest = belief, self._make(belief)
         return self._latest[1]
 
     def _make(self, belief: Belief) -> PlanResult:
-        """The plan on the configured grid, or, where it leaves a limit between grid points, on a finer one."""
+        """Return the plan on the configured grid, or on a finer one if it violates a limit between grid points."""
         for finer in FINER_GRIDS:
             result = self._on_grid(belief, finer)
             if result.certificate is None or result.certificate.passed:
@@ -120,7 +125,7 @@ class Planner:
         if plan.status not in (Status.SOLVED, Status.INFEASIBLE):
             raise SolverFailed(f"no plan for {described(belief)}: {plan.message}")
         solved = self._certified and plan.status is Status.SOLVED
-        return PlanResult(config, plan, certify(config, plan, "quick", config.seed) if solved else None, None, {})
+        return PlanResult(config, plan, certify(plan, "quick", config.seed) if solved else None, None, {})
 
     def _refined(self, finer: int) -> Config:
         points = finer * self.config.solver.collocation_points
@@ -133,9 +138,9 @@ class Planner:
 
 
 def described(belief: Belief) -> str:
-    """A belief in words."""
+    """Return a belief in words."""
     parts = [] if belief.friction is None else [f"friction {belief.friction:g}"]
     if belief.error is not None and not belief.error.is_zero:
         parts.append(f"acceleration errors up to +-{max(belief.error.half_width):.3g} (K = {belief.error.K:g})")
     parts += [f"{key} = {value:g}" for key, value in belief.parameters]
-    return " and ".join(parts) or "what the configuration says"
+    return " and ".join(parts) or "the nominal values"

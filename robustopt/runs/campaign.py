@@ -1,31 +1,37 @@
-"""Plans, executes and learns: what a learner asks for is done, journalled and told to it, until it is finished."""
+"""Plans, executes and learns: carries out, journals and answers the requests of a learner until it is finished."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from math import isfinite
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from robustopt.arrays import Array
 from robustopt.confidence import clopper_pearson
 from robustopt.config import Config, LearningConfig
 from robustopt.errors import ConfigError, RunFolderError
 from robustopt.learning import learner_of
 from robustopt.learning.learner import Learner, Planned, Request, Result, Row, State, Trial, tell_all
-from robustopt.learning.parameters import Array, Cost
+from robustopt.learning.parameters import Cost
 from robustopt.runs.beliefs import Planner, learned_from
 from robustopt.runs.executors import JUDGED, Executor, Simulated
-from robustopt.runs.experiment import PlanResult
 from robustopt.runs.journal import Journal
+from robustopt.runs.plan_run import PlanResult
 from robustopt.solvers.batch import BatchPlanner
+from robustopt.views import view
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
 
 SAME_PLAN = 1e-6
-"""Relative difference in duration of a plan that is made again, at most."""
+"""Largest relative difference in duration of a plan that is made again."""
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """Fresh executions of a plan: how many there were, how many succeeded, and how the others ended."""
+    """Fresh executions of a plan: their number, their successes, and the count of each status."""
 
     trials: int
     successes: int
@@ -33,18 +39,23 @@ class Judgement:
 
     @property
     def rate(self) -> float:
+        """Share of the executions that succeeded."""
         return self.successes / self.trials
 
     def interval(self, confidence: float) -> tuple[float, float]:
-        """Clopper-Pearson interval of the success rate."""
+        """Return the Clopper-Pearson interval of the success rate."""
         return clopper_pearson(self.successes, self.trials, confidence)
 
 
 @dataclass(frozen=True)
 class Learned:
-    """What is known once a learner is finished, or so far.
+    """Result of a learner, once it is finished or so far.
 
-    judged: what fresh executions say of the plan of each row, by its index
+    Attributes:
+        config: the task.
+        learner: with its settings.
+        state: all that the learner has seen.
+        judged: fresh executions of the plan of each row, by its index.
     """
 
     config: Config
@@ -54,10 +65,12 @@ class Learned:
 
     @property
     def settings(self) -> LearningConfig:
+        """The `learning` section of the task, with its defaults."""
         return self.config.learning or LearningConfig()
 
     @property
     def finished(self) -> bool:
+        """Whether the learner has nothing left to ask."""
         return self.learner.finished(self.state)
 
     @property
@@ -67,42 +80,59 @@ class Learned:
 
     @property
     def best(self) -> Row | None:
-        """The best plan that succeeded; None without one."""
+        """The best plan that succeeded, None without one."""
         return self.learner.best(self.state)
 
     @property
     def returned(self) -> Row | None:
-        """What the algorithm returns, which may be a plan that was not executed as such."""
+        """The plan that the algorithm returns, which may not have been executed as such."""
         return self.learner.returned(self.state)
 
     def judgement(self, row: Row | None) -> Judgement | None:
-        """What fresh executions say of the plan of a row."""
+        """Return the fresh executions of the plan of a row, None without any."""
         index = next((i for i, other in enumerate(self.rows) if other is row), -1)
         return self.judged.get(index)
 
+    def to_frame(self) -> DataFrame:
+        """Return the plans that were tried as a table, one row each, with the columns of `iterations.csv`."""
+        return view("robustopt.frames.learned_frame", self)
+
+    def plot(self) -> Figure:
+        """Return a figure of the learned interval, the duration and the success rate of every plan in order."""
+        return view("robustopt.plotting.views.learned_figure", self)
+
+    def _repr_html_(self) -> str:
+        return view("robustopt.frames.learned_html", self)
+
 
 Progress = Callable[[Learned], None]
+"""Called with the result so far, whenever there is more than before."""
 
 
 def learn(
     config: Config,
     executor: Executor | None = None,
     *,
+    learner: Learner[Any] | None = None,
     journal: Journal | None = None,
     workers: int = 1,
     progress: Progress | None = None,
 ) -> Learned:
-    """Run the learner of a configuration to its end.
+    """Run the learner of a configuration, or one of your own, to its end.
 
     The same configuration and seed give the same result, bit for bit, whatever the number of workers, and however often
-    it was interrupted and continued from its journal.
+    the learner was interrupted and continued from its journal.
 
     Args:
         config: the task; its `learning` section names the learner, its `execution` section the simulated world.
-        executor: what runs the plans, instead of the simulation.
-        journal: what happened before, and where what happens is written; without it nothing is kept.
-        workers: processes that plan and simulate.
-        progress: called with what is known so far, whenever that is more than before.
+        executor: runs the plans, instead of the simulation.
+        learner: a learner of your own, instead of the one that `learning.algorithm` names; see docs/extending.md.
+        journal: holds earlier events and records new ones; without it nothing is kept.
+        workers: number of processes that plan and simulate.
+        progress: called with the result so far, whenever there is more than before.
+
+    Returns:
+        The result, with every plan that was tried.
 
     Raises:
         ConfigError: the learner or the world does not fit the task.
@@ -111,20 +141,26 @@ def learn(
         KeyboardInterrupt: interrupted; the journal has all that happened before.
     """
     executor, journal = executor or Simulated(config, workers), journal or Journal.in_memory()
-    return _Campaign(config, executor, journal, workers, progress).run()
+    return _Campaign(config, executor, learner, journal, workers, progress).run()
 
 
 class _Campaign:
-    """A learner at work."""
+    """Learner at work, with its planner, its executor and its journal."""
 
     def __init__(
-        self, config: Config, executor: Executor, journal: Journal, workers: int, progress: Progress | None
+        self,
+        config: Config,
+        executor: Executor,
+        learner: Learner[Any] | None,
+        journal: Journal,
+        workers: int,
+        progress: Progress | None,
     ) -> None:
         if not config.interfaces:
             raise ConfigError("found no objects; expected at least one that friction holds", key="objects")
         self.config = config
         self.settings = config.learning or LearningConfig()
-        self.learner = learner_of(self.settings, cost_of(config, self.settings, workers))
+        self.learner = learner or learner_of(self.settings, cost_of(config, self.settings, workers))
         self.executor, self.journal, self.progress = executor, journal, progress
         self.planner = Planner(config)
         self.state = replayed(self.learner, journal)
@@ -171,7 +207,7 @@ class _Campaign:
     # Judging ---------------------------------------------------------------------------------------------
 
     def _to_judge(self) -> list[int]:
-        """Rows whose success rate is wanted: of what is returned, or of all plans."""
+        """Return the rows whose success rate is wanted: all of them, or the best and the returned one."""
         rows = self.state.rows
         if self.settings.judged == "all":
             return list(range(len(rows)))
@@ -179,7 +215,7 @@ class _Campaign:
         return [i for i, row in enumerate(rows) if any(row is other for other in wanted)]
 
     def _judge(self, i: int) -> None:
-        """Run what is missing of the fresh executions of a row's plan."""
+        """Run the fresh executions of a row's plan that the journal does not have yet."""
         row, total = self.state.rows[i], self.settings.trials
         if row.trial.duration is None or row.result is Result.INFEASIBLE or not self.executor.fresh:
             return
@@ -197,7 +233,7 @@ class _Campaign:
         self._say()
 
     def _known(self, i: int) -> Judgement | None:
-        """What the journal has of a row's fresh executions, once it has them all."""
+        """Return the fresh executions of a row's plan, once the journal has them all."""
         found = list(self.journal.judgements(i).values())
         if not found or len(found) < self.settings.trials:
             return None
@@ -207,9 +243,10 @@ class _Campaign:
 
 
 def made_again(planner: Planner, trial: Trial) -> PlanResult:
-    """The plan of a trial, which a run that was interrupted has to make once more.
+    """Return the plan of a trial, which an interrupted run has to make once more.
 
-    Raises RunFolderError where it is another one then.
+    Raises:
+        RunFolderError: the plan has another duration than before.
     """
     result = planner.plan(trial.belief)
     before, now = trial.duration, result.plan.duration
@@ -224,9 +261,12 @@ def made_again(planner: Planner, trial: Trial) -> PlanResult:
 
 
 def cost_of(config: Config, settings: LearningConfig, workers: int = 1) -> Cost:
-    """f* of the learned parameters: the duration of their fastest plan, computed in batches and once each.
+    """Return f* of the learned parameters: the duration of their fastest plan, computed in batches and once each.
 
-    workers: processes
+    Args:
+        config: the task.
+        settings: names the parameters.
+        workers: number of processes.
     """
     keys = [parameter.key for parameter in settings.parameters]
     batch = BatchPlanner(learned_from(config, keys), workers)
@@ -241,9 +281,10 @@ def cost_of(config: Config, settings: LearningConfig, workers: int = 1) -> Cost:
 
 
 def replayed(learner: Learner[Any], journal: Journal) -> Any:
-    """The state of a learner after all that a journal holds.
+    """Return the state of a learner after all events of a journal.
 
-    Raises RunFolderError where the journal does not answer what this learner asks.
+    Raises:
+        RunFolderError: the journal does not answer the requests of this learner.
     """
     state = learner.initial()
     for number, entry in enumerate(journal.entries()):
@@ -252,9 +293,8 @@ def replayed(learner: Learner[Any], journal: Journal) -> Any:
         state = learner.tell(state, Planned(entry.duration))
         for speed, execution in entry.executions:
             request = learner.ask(state)
-            fits = request is not None and request.executions > 0
-            fits = fits and request is not None and (request.speed, request.first) == (speed, execution.number)
-            _require(fits, number)
+            fits = request is not None and (request.speed, request.first) == (speed, execution.number)
+            _require(fits and request is not None and request.executions > 0, number)
             state = learner.tell(state, execution.outcome)
     return state
 
@@ -262,6 +302,6 @@ def replayed(learner: Learner[Any], journal: Journal) -> Any:
 def _require(fits: bool, plan: int) -> None:
     if not fits:
         raise RunFolderError(
-            f"the journal does not fit this task: plan {plan} in it is not what the learner asks for; "
+            f"the journal does not fit this task: plan {plan} in it is none that the learner asks for; "
             "expected the journal of the same configuration and the same version of robustopt"
         )

@@ -1,4 +1,4 @@
-"""Where plans are executed for a learner: in simulation, or by a person with a robot (`manual`)."""
+"""Executors of a learner's plans: their protocol, and the simulation; `manual` is a person with a robot."""
 
 from __future__ import annotations
 
@@ -8,36 +8,37 @@ from typing import Protocol
 from robustopt.config import Config
 from robustopt.learning.moments import Moments
 from robustopt.processes import cores
-from robustopt.runs.experiment import PlanResult
 from robustopt.runs.journal import Execution
+from robustopt.runs.plan_run import PlanResult
 from robustopt.simulation import TrialOutcome, Workers, execute
 from robustopt.simulation.monte_carlo import CHUNK, is_random
 
 JUDGED = 1_000_000_000
-"""Number of the first fresh execution: far from those of any learner, so that no plan is judged by what chose it.
-
-All plans are judged by the same numbers, hence in the same worlds.
-"""
+"""Number of the first fresh execution: far from all numbers of a learner, so that no plan is judged by the executions
+that chose it. All plans are judged by the same numbers, hence in the same worlds."""
 
 
 class Executor(Protocol):
-    """Runs a plan and says what came of it."""
+    """Runner of plans."""
 
     fresh: bool
-    """Whether it can run as many executions as one likes, so that a success rate can be estimated."""
+    """Whether it can run any number of executions, so that a success rate can be estimated."""
 
     def ahead(self, wanted: int, done: int) -> int:
-        """How many executions to run together, of those `wanted` at most, when `done` of the same plan are known."""
+        """Return the number of executions to run together, at most `wanted`, after `done` of the same plan."""
 
     def run(self, planned: PlanResult, numbers: Sequence[int], speed: float) -> list[Execution]:
         """Run executions by their numbers, in this order.
 
-        planned: the plan, with the configuration it was made from; speed: it is run so many times as fast
+        Args:
+            planned: the plan, with its configuration.
+            numbers: of the executions; each has a random stream of its own.
+            speed: factor on the speed of the plan.
         """
 
 
 class Simulated:
-    """Executions in the simulated world of the configuration's `execution` section."""
+    """Executor in the simulated world of the `execution` section."""
 
     fresh = True
 
@@ -47,17 +48,18 @@ class Simulated:
         self._workers = Workers(workers) if isinstance(workers, int) else workers
 
     def ahead(self, wanted: int, done: int) -> int:
-        """Twice as many as are known already: few are wasted on a plan that fails at once. All where all are alike."""
+        """Return as many as are known already, so that few are wasted on a plan that fails; all if all are alike."""
         if self._alike:
             return wanted
         return min(wanted, max(cores(), done), CHUNK * self._workers.processes)
 
     def run(self, planned: PlanResult, numbers: Sequence[int], speed: float) -> list[Execution]:
-        """Run trials with the numbers of the executions; the world is that of the configuration, never of the belief.
+        """Run trials with the numbers of the executions, in the world of the configuration, not of the belief.
 
-        Raises KeyboardInterrupt where it was interrupted.
+        Raises:
+            KeyboardInterrupt: interrupted.
         """
-        executions = execute(self._config, planned.plan, speed=speed, numbers=numbers, workers=self._workers)
+        executions = execute(planned.plan, self._config, speed=speed, numbers=numbers, workers=self._workers)
         if executions.interrupted:
             raise KeyboardInterrupt
         return [_of(outcome) for outcome in executions.outcomes]

@@ -1,8 +1,8 @@
 """The memory of a learner: every plan and every execution, committed to a SQLite file as it happens.
 
-A journal holds what happened, not what was concluded: told to the learner again, in order, it gives the same state. So
-a process that is killed at any moment loses at most the executions that were under way, and they come out the same
-when they are run again. One process at a time may hold a journal.
+A journal holds events, not conclusions: told to the learner again, in order, they give the same state. So a process
+that is killed at any moment loses at most the executions that were under way, and they come out the same when they are
+run again. One process at a time may hold a journal.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from robustopt.runs.store import JOURNAL
 SIMULATION, MANUAL = "simulation", "manual"
 
 PATIENCE = 1.0
-"""How long another process is waited for that only looks whether a journal is in use [s]."""
+"""Time to wait for another process that only looks whether a journal is in use [s]."""
 
 _TABLES = """
 CREATE TABLE origin (
-    executor TEXT NOT NULL          -- who makes the executions: they are never mixed
+    executor TEXT NOT NULL          -- simulation or manual: executions are never mixed
 );
 CREATE TABLE plans (
     plan INTEGER PRIMARY KEY,       -- in the order in which the learner asked, from 0
-    belief TEXT NOT NULL,           -- what it was planned with, JSON
-    duration REAL                   -- [s]; NULL where there is no plan
+    belief TEXT NOT NULL,           -- the learner's values for the plan, JSON
+    duration REAL                   -- [s]; NULL without a plan
 );
 CREATE TABLE executions (
     number INTEGER PRIMARY KEY,     -- of this learner, from 0; its random stream belongs to it
@@ -44,7 +44,7 @@ CREATE TABLE executions (
     status TEXT NOT NULL, what TEXT NOT NULL, t REAL, s REAL,  -- the first failure: time [s] and place on the path
     count INTEGER NOT NULL, total TEXT NOT NULL, squares TEXT NOT NULL  -- acceleration error, as in `Moments`, JSON
 );
-CREATE TABLE judgements (           -- fresh executions that the success rate of a plan is estimated with
+CREATE TABLE judgements (           -- fresh executions, which estimate the success rate of a plan
     plan INTEGER NOT NULL REFERENCES plans,
     number INTEGER NOT NULL,
     success INTEGER NOT NULL,
@@ -60,8 +60,11 @@ _BELIEF: TypeAdapter[Belief] = TypeAdapter(Belief)
 class Execution:
     """One execution of a plan.
 
-    number: its random stream belongs to it; success; status, what: how it ended, and which object, joint or foot failed
-    first; t, s: time of that [s] and place on the path, None for a success; errors: of the joint acceleration
+    Attributes:
+        number: has a random stream of its own.
+        status, what: how the execution ended, and the object, joint or contact that failed first.
+        t, s: time of that failure [s] and place on the path, None for a success.
+        errors: moments of the joint acceleration error.
     """
 
     number: int
@@ -74,13 +77,13 @@ class Execution:
 
     @property
     def outcome(self) -> Executed:
-        """What a learner is told."""
+        """The part of the execution that a learner is told."""
         return Executed(self.success, self.errors)
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A plan with its executions at each speed, in the order of their numbers."""
+    """Plan with its executions and their speeds, in the order of their numbers."""
 
     belief: Belief
     duration: float | None
@@ -88,7 +91,7 @@ class Entry:
 
 
 class Journal:
-    """Plans and executions in a SQLite file that this process alone holds; without a file, in memory."""
+    """Plans and executions in a SQLite file that this process alone holds, or in memory."""
 
     def __init__(self, connection: sqlite3.Connection, path: Path | None = None) -> None:
         self._connection = connection
@@ -96,7 +99,7 @@ class Journal:
 
     @staticmethod
     def in_memory() -> Journal:
-        """A journal that ends with the process."""
+        """Return a journal that ends with the process."""
         connection = sqlite3.connect(":memory:", isolation_level=None)
         connection.executescript(_TABLES)
         connection.execute("INSERT INTO origin VALUES (?)", (SIMULATION,))
@@ -104,7 +107,7 @@ class Journal:
 
     @staticmethod
     def create(folder: Path, executor: str = SIMULATION) -> None:
-        """Write an empty journal into a folder; executor: who makes the executions, SIMULATION or MANUAL."""
+        """Write an empty journal into a folder; executor: SIMULATION or MANUAL."""
         path = folder / JOURNAL
         try:
             with closing(sqlite3.connect(path, isolation_level=None)) as connection:
@@ -115,9 +118,11 @@ class Journal:
 
     @staticmethod
     def open(folder: Path) -> Journal:
-        """The journal in a folder, held until it is closed or the process ends.
+        """Return the journal in a folder, held until it is closed or the process ends.
 
-        Raises RunInUse where another process holds it, and RunFolderError where the file is no journal or is damaged.
+        Raises:
+            RunInUse: another process holds the journal.
+            RunFolderError: the file is no journal, or is damaged.
         """
         path = folder / JOURNAL
         if not path.is_file():
@@ -136,10 +141,10 @@ class Journal:
         return Journal(connection, path)
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Release the file."""
         self._connection.close()
 
-    # What is written -------------------------------------------------------------------------------------
+    # Writing ---------------------------------------------------------------------------------------------
 
     def add_plan(self, belief: Belief, duration: float | None) -> None:
         """Commit a plan."""
@@ -166,7 +171,7 @@ class Journal:
         if self._path is not None and not self._path.exists():  # SQLite goes on writing to the file that it holds
             raise RunFolderError(
                 f"{self._path}: was moved or removed while its run was at work; "
-                "robustopt learn --resume --out FOLDER continues the run in the folder where it is now"
+                "robustopt learn --resume --out FOLDER continues the run in its present folder"
             )
 
     @property
@@ -175,17 +180,17 @@ class Journal:
 
     def _transaction(self) -> sqlite3.Connection:
         self._connection.execute("BEGIN")
-        return self._connection  # as a context: commits at the end, rolls back where something fails
+        return self._connection  # as a context: commits at the end, rolls back if something fails
 
-    # What is read ----------------------------------------------------------------------------------------
+    # Reading ---------------------------------------------------------------------------------------------
 
     @property
     def executor(self) -> str:
-        """Who makes the executions."""
+        """Executor of the plans, SIMULATION or MANUAL."""
         return str(self._read("SELECT executor FROM origin")[0][0])
 
     def entries(self) -> Iterator[Entry]:
-        """Every plan with its executions, in order."""
+        """Yield every plan with its executions, in order."""
         for plan, belief, duration in self._read("SELECT plan, belief, duration FROM plans ORDER BY plan"):
             found = self._read(
                 "SELECT speed, number, success, status, what, t, s, count, total, squares FROM executions "
@@ -200,7 +205,7 @@ class Journal:
             yield entry
 
     def judgements(self, plan: int) -> dict[int, tuple[bool, str]]:
-        """Fresh executions of a plan: success and status by number."""
+        """Return the fresh executions of a plan: success and status by number."""
         found = self._read("SELECT number, success, status FROM judgements WHERE plan = ? ORDER BY number", plan)
         return {number: (bool(success), status) for number, success, status in found}
 
@@ -212,14 +217,14 @@ class Journal:
 
 
 def _hold(connection: sqlite3.Connection) -> None:
-    """Take the lock of the file and keep it until the connection is closed; what a kill left half-written is undone."""
+    """Lock the file until the connection is closed; SQLite rolls back a transaction that was killed."""
     connection.execute("PRAGMA locking_mode = EXCLUSIVE")
     connection.execute("BEGIN EXCLUSIVE")
     connection.execute("COMMIT")  # the lock stays
 
 
 def _require_sound(connection: sqlite3.Connection) -> None:
-    """Raises sqlite3.DatabaseError where the file is no journal, or parts of it are damaged."""
+    """Raise sqlite3.DatabaseError if the file is no journal, or parts of it are damaged."""
     for table in ("origin", "plans", "executions", "judgements"):
         connection.execute(f"SELECT * FROM {table} LIMIT 1").fetchall()
     found = connection.execute("PRAGMA integrity_check(1)").fetchone()[0]
@@ -230,8 +235,8 @@ def _require_sound(connection: sqlite3.Connection) -> None:
 def _values(execution: Execution, speed: float) -> tuple[Any, ...]:
     errors = execution.errors
     sums = (errors.count, json.dumps(errors.total), json.dumps(errors.squares))
-    what = (execution.success, execution.status, execution.what, execution.t, execution.s)
-    return (execution.number, speed, *what, *sums)
+    end = (execution.success, execution.status, execution.what, execution.t, execution.s)
+    return (execution.number, speed, *end, *sums)
 
 
 def _execution(

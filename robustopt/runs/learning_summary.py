@@ -1,54 +1,64 @@
-"""What a run of a learner says: the record of every plan, what was learned, and with which confidence."""
+"""Summary of a learner: the record of every plan, and the result with the confidence that it deserves."""
 
 from __future__ import annotations
 
 from math import isclose
-from typing import Any
 
-from robustopt.confidence import Reading, bad_luck, paper_executions, phi
+from robustopt.confidence import Reading, paper_executions, phi, probability_of_rate
 from robustopt.config import LearningConfig
 from robustopt.learning.calibrated import Calibrated
 from robustopt.learning.earned import earned
 from robustopt.learning.learner import End, Result, Row
 from robustopt.runs.beliefs import described
 from robustopt.runs.campaign import Judgement, Learned
-from robustopt.runs.experiment import PlanResult, summary
-from robustopt.runs.store import plain_data
-
-LEARNED, DIVERGED = "learned", "simulation failed"
-"""Statuses of a run with a plan that succeeded, and of one whose every simulation diverged."""
+from robustopt.runs.plan_run import PlanResult, summary
+from robustopt.runs.records import Iteration, LearningRecord, RunStatus, Summary
 
 
-def learning_summary(learned: Learned, planned: PlanResult | None, diverged: bool) -> dict[str, Any]:
-    """What a run says about what was learned, as plain data.
+def learning_summary(learned: Learned, planned: PlanResult | None, diverged: bool) -> Summary:
+    """Return the summary of a learner that is finished.
 
-    planned: the best plan, made again; diverged: whether every simulation diverged
+    Args:
+        learned: the result.
+        planned: the best plan, made again.
+        diverged: whether every simulation diverged.
     """
+    own = Summary(
+        kind="learning",
+        name=learned.config.name,
+        status=_status(learned, diverged),
+        message=sentence(learned),
+        learning=learning_record(learned),
+    )
+    if planned is None:
+        return own.model_copy(update={"duration": None})
+    return summary(planned).model_copy(update={name: getattr(own, name) for name in own.model_fields_set})
+
+
+def _status(learned: Learned, diverged: bool) -> RunStatus:
+    if learned.best is not None:
+        return RunStatus.LEARNED
+    if diverged:
+        return RunStatus.SIMULATION_FAILED
+    return RunStatus.NO_PLAN if learned.state.end is End.NO_PLAN else RunStatus.NO_SUCCESS
+
+
+def learning_record(learned: Learned) -> LearningRecord:
+    """Return the part of a summary about learning."""
     best, returned, end = learned.best, learned.returned, learned.state.end
     assert end is not None
-    known = summary(planned) if planned is not None else {"name": learned.config.name, "duration": None}
-    data = known | {
-        "kind": "learning",
-        "status": LEARNED if best is not None else DIVERGED if diverged else _ended(end),
-        "message": sentence(learned),
-        "learning": {
-            "algorithm": learned.learner.name,
-            "end": end.value,
-            "iterations": max((row.iteration for row in learned.rows), default=0),
-            "plans": len(learned.rows),
-            "executions": learned.state.executed,
-            "target_rate": target_rate(learned.settings),
-            "best": row_record(learned, best) if best else None,
-            "returned": row_record(learned, returned) if returned else None,
-            "confidence": confidence_sentence(learned),
-            "rows": [row_record(learned, row) for row in learned.rows],
-        },
-    }
-    return dict(plain_data(data))
-
-
-def _ended(end: End) -> str:
-    return end.value if end in (End.NO_PLAN, End.NO_SUCCESS) else End.NO_SUCCESS.value
+    return LearningRecord(
+        algorithm=learned.learner.name,
+        end=end.value,
+        iterations=max((row.iteration for row in learned.rows), default=0),
+        plans=len(learned.rows),
+        executions=learned.state.executed,
+        target_rate=target_rate(learned.settings),
+        best=row_record(learned, best) if best else None,
+        returned=row_record(learned, returned) if returned else None,
+        confidence=confidence_sentence(learned),
+        rows=tuple(row_record(learned, row) for row in learned.rows),
+    )
 
 
 _FIXED_FRICTION = (End.STABLE, End.ITERATION_LIMIT)
@@ -56,12 +66,12 @@ _FIXED_FRICTION = (End.STABLE, End.ITERATION_LIMIT)
 
 
 def sentence(learned: Learned) -> str:
-    """What was learned, in a few sentences."""
+    """Return the result of a learner in a few sentences."""
     best, end = learned.best, learned.state.end
     assert end is not None
     spent = f"{_count(learned.state.executed, 'execution')} of {_count(_executed_plans(learned), 'plan')}"
     if best is None:
-        friction = " Friction stayed as it is believed; `ilrobs` learns it too." if end in _FIXED_FRICTION else ""
+        friction = " Friction stayed at its nominal value; `ilrobs` learns it too." if end in _FIXED_FRICTION else ""
         return f"{end.sentence} {spent}.{friction}{_even_the_slowest(learned)}"
     trial = best.trial
     times = f"{trial.successes} of {trial.successes + trial.failures} times{_fresh(learned, best)}"
@@ -74,7 +84,7 @@ def sentence(learned: Learned) -> str:
 
 
 def _too_few_in_a_row(learned: Learned, best: Row) -> str:
-    """That one success in a row says little where fresh executions of the plan differ."""
+    """Return the advice to ask for more than one success if fresh executions of the best plan differ."""
     judgement, settings = learned.judgement(best), learned.settings
     varied = judgement is not None and 0 < judgement.successes < judgement.trials
     if not (varied and best.trial.belief.parameters and settings.executions_per_plan == 1):
@@ -91,14 +101,14 @@ def _count(number: int, name: str) -> str:
 
 
 def _even_the_slowest(learned: Learned) -> str:
-    """That several parameters at the conservative ends of all their intervals failed, which those shall not do."""
+    """Return a warning if a plan failed with all parameters at their conservative ends, which are meant to be safe."""
     ends = {parameter.key: parameter.conservative for parameter in learned.settings.parameters}
     for row in learned.rows:
         values = dict(row.trial.belief.parameters)
         if values and row.trial.failures and all(isclose(values[key], end) for key, end in ends.items()):
             return (
                 " Even the conservative values of all parameters failed, so nothing in these intervals is known to be"
-                " safe: choose more conservative ones, or look for what else is not as believed."
+                " safe: choose more conservative ones, or look for another cause."
             )
     return ""
 
@@ -120,12 +130,12 @@ def _executed_plans(learned: Learned) -> int:
 
 
 def target_rate(settings: LearningConfig) -> float:
-    """The success rate in question: what ilrobs aims at, Phi(K), else the configured one."""
+    """Return the success rate in question: Phi(K) for ilrobs, else the configured one."""
     return phi(settings.K, Reading(settings.reading)) if settings.algorithm == "ilrobs" else settings.success_rate
 
 
 def confidence_sentence(learned: Learned) -> str:
-    """The confidence that the executions of the best plan earn."""
+    """Return the confidence that the executions of the best plan earn, in a sentence."""
     best, settings = learned.best, learned.settings
     if best is None:
         return ""
@@ -138,21 +148,22 @@ def confidence_sentence(learned: Learned) -> str:
     return earned(best.trial.successes, rate, settings.confidence, max(_executed_plans(learned), 1)).sentence
 
 
-def row_record(learned: Learned, row: Row) -> dict[str, Any]:
-    """The record of a row, with what fresh executions say and how likely its failure was bad luck."""
-    record: dict[str, Any] = dict(row.record())
+def row_record(learned: Learned, row: Row) -> Iteration:
+    """Return the record of a plan, with its fresh executions and the probability that its failure was bad luck."""
+    extra: dict[str, object] = {}
     if row.trial.failures and not row.trial.belief.parameters:
         rate = target_rate(learned.settings)
-        record["bad_luck"] = bad_luck(row.trial.successes, row.trial.failures, rate, learned.settings.prior)
+        successes, failures = row.trial.successes, row.trial.failures
+        extra["bad_luck"] = probability_of_rate(successes, failures, rate, learned.settings.prior)
     if row.lower_bound is not None and row.gap is not None:
-        record["incumbent"] = row.lower_bound * (1 + row.gap)
+        extra["incumbent"] = row.lower_bound * (1 + row.gap)
     judgement = learned.judgement(row)
     if judgement is not None:
-        record |= _judged(judgement, learned.settings.confidence)
-    return record
+        extra |= _judged(judgement, learned.settings.confidence)
+    return Iteration.model_validate({**row.record(), **extra})
 
 
-def _judged(judgement: Judgement, confidence: float) -> dict[str, Any]:
+def _judged(judgement: Judgement, confidence: float) -> dict[str, object]:
     low, high = judgement.interval(confidence)
     return {
         "fresh_trials": judgement.trials,
@@ -164,10 +175,10 @@ def _judged(judgement: Judgement, confidence: float) -> dict[str, Any]:
     }
 
 
-def trial_record(learned: Learned) -> dict[str, Any] | None:
-    """The record of the plan that is under test, None at the end."""
+def trial_record(learned: Learned) -> Iteration | None:
+    """Return the record of the plan that is under test, None at the end."""
     trial = learned.state.trial
     if trial is None:
         return None
     iteration = max((row.iteration for row in learned.rows), default=0) + 1
-    return dict(Row(iteration, trial, Result.UNDECIDED).record()) | {"result": None}
+    return Iteration.model_validate({**Row(iteration, trial, Result.UNDECIDED).record(), "result": None})

@@ -1,9 +1,11 @@
-"""The iterations of a learner as a table for people: the paper's columns, and those that its algorithm needs."""
+"""The iterations of a learner as a table for people: the paper's columns, and those of its algorithm."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+from robustopt.runs.records import Iteration
 
 RESULTS = {
     "success": "S",
@@ -13,58 +15,48 @@ RESULTS = {
     "not faster": "-",
     "not executed": "not run",
 }
-"""How results are shown; the paper has S and F."""
-
-Record = Mapping[str, Any]
+"""Results as the table shows them; the paper has S and F."""
 
 
 class Shown(NamedTuple):
-    """A column: its head, and the text of a record in it, empty where the record has nothing for it."""
+    """Column of the table: its head, and the text of a record in it, empty if the record has nothing for it."""
 
     head: str
-    text: Callable[[Record], str]
+    text: Callable[[Iteration], str]
 
 
-def number(key: str, form: str) -> Callable[[Record], str]:
-    """A column that shows a number."""
-
-    def text(record: Record) -> str:
-        value = record.get(key)
-        return "" if value is None else format(value, form)
-
-    return text
+def _number(value: float | None, form: str) -> str:
+    return "" if value is None else format(value, form)
 
 
-def _result(record: Record) -> str:
-    result = record.get("result")
-    return RESULTS.get(str(result), str(result)) if result is not None else "..."
+def _result(record: Iteration) -> str:
+    return "..." if record.result is None else RESULTS.get(record.result, record.result)
 
 
-def _sped_up(record: Record) -> str:
-    faster = record.get("sped_up")
-    return "" if faster is None else "S" if faster else "F"
+def _sped_up(record: Iteration) -> str:
+    return "" if record.sped_up is None else "S" if record.sped_up else "F"
 
 
-def _executions(record: Record) -> str:
-    executions = record.get("executions", 0)
-    return f"{record.get('successes', 0)}/{executions - (record.get('sped_up') is not None)}" if executions else ""
+def _executions(record: Iteration) -> str:
+    planned_speed = record.executions - (record.sped_up is not None)
+    return f"{record.successes}/{planned_speed}" if record.executions else ""
 
 
-def _errors(record: Record) -> str:
-    width = record.get("planned_half_width") or ()
-    share = "" if record.get("share") in (None, 1.0) else f" x{record['share']:g}"
+def _errors(record: Iteration) -> str:
+    share = "" if record.share == 1.0 else f" x{record.share:g}"
+    width = record.planned_half_width
     return f"{max(width):.2f}{share}" if any(width) else ""
 
 
-def _fresh(record: Record) -> str:
-    if record.get("success_rate") is None:
+def _fresh(record: Iteration) -> str:
+    rate, low, high = record.success_rate, record.success_low, record.success_high
+    if rate is None or low is None or high is None:
         return ""
-    low, high = 100 * record["success_low"], 100 * record["success_high"]
-    return f"{100 * record['success_rate']:.0f} % ({low:.0f}-{high:.0f})"
+    return f"{100 * rate:.0f} % ({100 * low:.0f}-{100 * high:.0f})"
 
 
-def _parameters(records: Sequence[Record]) -> list[Shown]:
-    """A column for each learned parameter, named by the end of its key in the configuration; many are numbered."""
+def _parameters(records: Sequence[Iteration]) -> list[Shown]:
+    """Return a column for each learned parameter, named by the end of its key; many are numbered."""
     keys = _keys(records)
     many = len(keys) > NAMED
     heads = _numbered(keys) if many else [_short(key, keys) for key in keys]
@@ -72,24 +64,20 @@ def _parameters(records: Sequence[Record]) -> list[Shown]:
     return [Shown(head, _parameter(key, form)) for head, key in zip(heads, keys, strict=True)]
 
 
-def _keys(records: Sequence[Record]) -> list[str]:
-    return list(dict.fromkeys(key for record in records for key in record.get("parameters") or {}))
+def _keys(records: Sequence[Iteration]) -> list[str]:
+    return list(dict.fromkeys(key for record in records for key in record.parameters))
 
 
 def _numbered(keys: Sequence[str]) -> list[str]:
     return [f"p{i}" for i in range(1, len(keys) + 1)]
 
 
-def _parameter(key: str, form: str) -> Callable[[Record], str]:
-    def text(record: Record) -> str:
-        value = (record.get("parameters") or {}).get(key)
-        return "" if value is None else format(value, form)
-
-    return text
+def _parameter(key: str, form: str) -> Callable[[Iteration], str]:
+    return lambda record: _number(record.parameters.get(key), form)
 
 
 def _short(key: str, keys: Sequence[str]) -> str:
-    """The last parts of a key, as many as tell it from the others and say more than a number."""
+    """Return the last parts of a key, as many as tell it from the others and say more than a number."""
     parts = key.split(".")
     for count in range(1, len(parts)):
         short = ".".join(parts[-count:])
@@ -99,48 +87,48 @@ def _short(key: str, keys: Sequence[str]) -> str:
 
 
 COLUMNS = (
-    Shown("Iter", number("iteration", "d")),
-    Shown("mu", number("friction", ".4g")),
+    Shown("Iter", lambda record: _number(record.iteration, "d")),
+    Shown("mu", lambda record: _number(record.friction, ".4g")),
     Shown("+-err", _errors),
-    Shown("Time", number("duration", ".3f")),
+    Shown("Time", lambda record: _number(record.duration, ".3f")),
     Shown("Rslt", _result),
     Shown("Spdup", _sped_up),
-    Shown("upp", number("friction_high", ".4g")),
-    Shown("low", number("friction_low", ".4g")),
-    Shown("best", number("incumbent", ".3f")),
-    Shown("bound", number("lower_bound", ".3f")),
+    Shown("upp", lambda record: _number(record.friction_high, ".4g")),
+    Shown("low", lambda record: _number(record.friction_low, ".4g")),
+    Shown("best", lambda record: _number(record.incumbent, ".3f")),
+    Shown("bound", lambda record: _number(record.lower_bound, ".3f")),
     Shown("S/n", _executions),
-    Shown("luck", number("bad_luck", ".2f")),
+    Shown("luck", lambda record: _number(record.bad_luck, ".2f")),
     Shown("fresh", _fresh),
 )
 NAMED = 3
-"""Most learned parameters whose columns have their names as heads: more would not fit into a terminal."""
+"""Largest number of learned parameters whose columns are headed by their names: more would not fit into a terminal."""
 
 _MEANINGS = {
-    "+-err": "widest interval of the acceleration error that was planned for [rad/s^2 or m/s^2]",
+    "+-err": "half width of the widest interval of the acceleration error in the plan [rad/s^2 or m/s^2]",
     "Rslt": "S success, F failure, ? undecided, - hardly faster than the best and so not executed",
     "Spdup": "the same path faster",
     "upp": "upper end of the interval of mu after it",
     "low": "lower end",
     "best": "shortest plan so far that counts as a success [s]",
-    "bound": "least duration of what is not ruled out [s]",
+    "bound": "shortest duration that is not ruled out [s]",
     "S/n": "successes of executions",
     "luck": "probability that a plan which failed meets the success rate in question all the same",
     "fresh": "successes of fresh executions",
 }
-"""What heads mean that do not say it."""
+"""Meanings of the heads that are too short to say it."""
 
 
-def legend(records: Sequence[Record]) -> str:
-    """What the columns of these records mean."""
+def legend(records: Sequence[Iteration]) -> str:
+    """Return the meanings of the columns of these records, in a sentence."""
     keys, heads = _keys(records), table(records)[0]
     meanings = dict(zip(_numbered(keys), keys, strict=True)) if len(keys) > NAMED else {}
     meanings |= {head: _MEANINGS[head] for head in heads if head in _MEANINGS}
     return "; ".join(f"{head}: {meaning}" for head, meaning in meanings.items()) + "."
 
 
-def table(records: Sequence[Record]) -> tuple[list[str], list[list[str]]]:
-    """Heads and lines; columns that are empty in every line are left out."""
+def table(records: Sequence[Iteration]) -> tuple[list[str], list[list[str]]]:
+    """Return heads and lines of the table; columns that are empty in every line are left out."""
     columns = (*COLUMNS[:2], *_parameters(records), *COLUMNS[2:])
     lines = [[column.text(record) for column in columns] for record in records]
     used = [i for i in range(len(columns)) if any(line[i] for line in lines)]

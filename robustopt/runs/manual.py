@@ -1,4 +1,4 @@
-"""Executions by a person with a robot: the next trajectory is written to a file, and what came of it is asked for."""
+"""Executions by a person with a robot: writes the next trajectory to a file, and asks how it went."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from robustopt.arrays import Array
 from robustopt.learning.moments import Moments
-from robustopt.runs.experiment import PlanResult
 from robustopt.runs.journal import Execution
+from robustopt.runs.plan_run import PlanResult
 from robustopt.solvers.trajectory import Trajectory, write_trajectory_csv
 
 NEXT = "next_trajectory.csv"
@@ -19,23 +20,30 @@ _ANSWERS = {"y": True, "yes": True, "s": True, "success": True, "n": False, "no"
 
 
 class Manual:
-    """Asks a person; what was answered is in the journal, so that the next day goes on where this one ended.
-
-    folder: of the run, where the trajectory to be executed is written; ask: shows a question and returns the answer, or
-    raises EOFError where nobody answers any more; say: shows a text
-    """
+    """Executor that asks a person; the answers are in the journal, so that the next day goes on after the last one."""
 
     fresh = False
 
     def __init__(self, folder: Path, ask: Callable[[str], str], say: Callable[[str], None]) -> None:
+        """Make an executor.
+
+        Args:
+            folder: of the run; the trajectory to be executed is written into it.
+            ask: shows a question and returns the answer, or raises EOFError if nobody answers any more.
+            say: shows a text.
+        """
         self._folder, self._ask, self._say = folder, ask, say
 
     def ahead(self, wanted: int, done: int) -> int:
-        """One at a time."""
+        """Return 1: a robot executes one trajectory at a time."""
         return min(wanted, 1)
 
     def run(self, planned: PlanResult, numbers: Sequence[int], speed: float) -> list[Execution]:
-        """Have executions made. Raises KeyboardInterrupt where nobody answers any more."""
+        """Ask for executions.
+
+        Raises:
+            KeyboardInterrupt: nobody answers any more.
+        """
         try:
             return [self._one(planned, number, speed) for number in numbers]
         except EOFError:
@@ -67,12 +75,32 @@ class Manual:
 
 
 def errors_of_log(path: Path, trajectory: Trajectory, joints: tuple[str, ...]) -> Moments:
-    """Moments of the executed minus the planned joint acceleration in a log.
+    """Return the moments of the executed minus the planned joint acceleration in a log.
 
-    path: CSV with the columns t, the time since the start of the motion [s], and qdd_<joint> [rad/s^2 or m/s^2] for
-    every joint. Samples before the start and after the end of the motion are left out. Raises ValueError where the file
-    is not such a log, and OSError where it cannot be read.
+    Samples before the start and after the end of the motion are left out.
+
+    Args:
+        path: CSV with the columns t, the time since the start of the motion [s], and qdd_<joint> [rad/s^2 or m/s^2]
+            for every joint.
+        trajectory: that was executed.
+        joints: their names.
+
+    Raises:
+        ValueError: the file is not such a log.
+        OSError: the file cannot be read.
     """
+    times, accelerations = _read_log(path, joints)
+    moving = (times > 0) & (times < trajectory.duration)
+    if not moving.any():
+        raise ValueError(
+            f"no sample between 0 and {trajectory.duration:.4g} s, the motion; expected times since its start"
+        )
+    error = accelerations[moving] - trajectory.sample(times[moving]).qdd
+    return Moments.of_means(int(moving.sum()), error.mean(axis=0).tolist(), (error**2).mean(axis=0).tolist())
+
+
+def _read_log(path: Path, joints: tuple[str, ...]) -> tuple[Array, Array]:
+    """Return the times (T,) and the joint accelerations (T, n) of a log."""
     with path.open(newline="", encoding="utf-8") as file:
         rows = list(csv.reader(file))
     wanted = ["t", *(f"qdd_{name}" for name in joints)]
@@ -86,10 +114,4 @@ def errors_of_log(path: Path, trajectory: Trajectory, joints: tuple[str, ...]) -
         raise ValueError("a line has a cell that is not a number; expected numbers in every line") from None
     if not values.size or not np.isfinite(values).all():
         raise ValueError("no samples, or numbers that are not finite; expected finite numbers")
-    moving = (values[:, 0] > 0) & (values[:, 0] < trajectory.duration)
-    if not moving.any():
-        raise ValueError(
-            f"no sample between 0 and {trajectory.duration:.4g} s, the motion; expected times since its start"
-        )
-    error = values[moving, 1:] - trajectory.sample(values[moving, 0]).qdd
-    return Moments.of_means(int(moving.sum()), error.mean(axis=0).tolist(), (error**2).mean(axis=0).tolist())
+    return values[:, 0], values[:, 1:]

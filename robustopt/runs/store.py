@@ -3,37 +3,32 @@
 from __future__ import annotations
 
 import glob
-import hashlib
 import json
 import os
 import platform
 import shutil
-import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass
 from datetime import UTC, datetime
-from importlib import metadata
-from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from robustopt import __version__
-from robustopt.config import Config
-from robustopt.config.load import dump
+from pydantic import ValidationError
+
 from robustopt.errors import RunFolderError
 from robustopt.interruption import held
+from robustopt.runs.records import Provenance, Record, Summary, plain_data
 
 PROVENANCE, CONFIG, SUMMARY, JOURNAL = "provenance.json", "config.yaml", "summary.json", "journal.db"
 
-PACKAGES = ("numpy", "scipy", "mujoco", "casadi", "highspy", "numba", "pydantic", "PyYAML")
-"""Packages whose versions a run records: those that can change its numbers."""
+R = TypeVar("R", bound=Record)
 
 
 @dataclass
 class NewRun:
-    """A run that is being written: into the hidden `folder`, which is moved to `place` at the end."""
+    """Run that is being written: into the hidden `folder`, which is moved to `place` at the end."""
 
     folder: Path
     place: Path
@@ -41,27 +36,23 @@ class NewRun:
 
 @contextmanager
 def new_run(name: str, out: Path | None = None, root: Path = Path("results")) -> Iterator[NewRun]:
-    """A folder to write a run into; it appears as a whole when the block ends, and not at all if the block fails.
+    """Make a folder to write a run into; it appears as a whole when the block ends, and not at all if the block fails.
 
-    Without `out` the run is root/name/<UTC time>, with a number behind it where that is taken. An `out` that exists
-    must be an empty folder. The hidden folder is made first, beside the final place, so that a place that cannot be
-    written to is found before anything is computed. Hidden folders beside it whose process was killed are removed.
+    The hidden folder is made first, beside the final place, so that a place that cannot be written to is found before
+    anything is computed. Hidden folders beside it whose process was killed are removed.
 
-    Raises RunFolderError where the folder cannot be written.
+    Args:
+        name: of the task.
+        out: the run folder, new or empty; by default root/name/<UTC time>, with a number behind it if that is taken.
+        root: folder of all runs.
+
+    Raises:
+        RunFolderError: the folder cannot be written.
     """
     final = out if out is not None else root / name / datetime.now(UTC).strftime("%Y-%m-%dT%H-%M-%SZ")
     if out is not None:
         _require_free(out)
-    made: list[Path] = []
-    try:
-        made += _make_parents(final.parent)
-        _remove_abandoned(final.parent)
-        hidden = final.parent / f".{final.name}{_mark()}{os.getpid()}"
-        hidden.mkdir()
-        made.append(hidden)
-    except OSError as error:
-        _remove(made)
-        raise RunFolderError(f"{final}: cannot be written: {_reason(error)}; expected a writable folder") from None
+    hidden, made = _make_hidden(final)
     try:
         run = NewRun(hidden, final)
         yield run
@@ -76,128 +67,62 @@ def new_run(name: str, out: Path | None = None, root: Path = Path("results")) ->
 
 
 def is_run(folder: Path) -> bool:
-    """Whether a folder is a complete run of this package."""
+    """Return whether a folder is a complete run of this package."""
     return all((folder / name).is_file() for name in (PROVENANCE, CONFIG, SUMMARY))
 
 
 def is_unfinished(folder: Path) -> bool:
-    """Whether a folder holds a run of a learner that is not complete."""
+    """Return whether a folder holds a run of a learner that is not complete."""
     return (folder / JOURNAL).is_file() and not (folder / SUMMARY).is_file()
 
 
-def read_summary(folder: Path) -> dict[str, Any]:
-    """Summary of a stored run; RunFolderError where there is none."""
+# Records --------------------------------------------------------------------------------------------------
+
+
+def read_summary(folder: Path) -> Summary:
+    """Return the summary of a stored run.
+
+    Raises:
+        RunFolderError: there is no complete run in the folder, or its summary has been changed.
+    """
     if not folder.is_dir():
         raise RunFolderError(f"{folder}: no such run folder; expected a folder that `robustopt plan` wrote")
     if is_unfinished(folder):
         raise RunFolderError(f"{folder}: unfinished; expected a complete run: robustopt learn --resume --out {folder}")
     if not is_run(folder):
         raise RunFolderError(f"{folder}: not a run folder of robustopt; expected {SUMMARY}, {CONFIG} and {PROVENANCE}")
+    return _read(folder / SUMMARY, Summary)
+
+
+def read_provenance(folder: Path) -> Provenance:
+    """Return the provenance of a run, complete or not.
+
+    Raises:
+        RunFolderError: the file is missing, or has been changed.
+    """
+    return _read(folder / PROVENANCE, Provenance)
+
+
+def _read(path: Path, kind: type[R]) -> R:
     try:
-        summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8-sig"))
+        return kind.model_validate_json(path.read_text(encoding="utf-8-sig"), strict=True)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        found = ": ".join(filter(None, [".".join(map(str, first["loc"])), first["msg"]]))
+        remedy = f"it has been changed, or is of another version of robustopt ({found})"
     except (OSError, ValueError) as error:
-        raise RunFolderError(f"{folder / SUMMARY}: cannot be read: {error}") from None
-    if not isinstance(summary, dict):
-        raise RunFolderError(f"{folder / SUMMARY}: expected a JSON object")
-    missing = [key for key in ("name", "status") if not isinstance(summary.get(key), str)]
-    if missing:
-        raise RunFolderError(f"{folder / SUMMARY}: {' and '.join(missing)} missing; the file has been changed")
-    duration = summary.get("duration")
-    if isinstance(duration, bool) or not isinstance(duration, int | float | None):
-        raise RunFolderError(f"{folder / SUMMARY}: the duration is no number; the file has been changed")
-    return summary
+        remedy = str(error)
+    raise RunFolderError(f"{path}: cannot be read: {remedy}; expected the file as it was written") from None
 
 
-def write_json(path: Path, data: Mapping[str, Any]) -> None:
-    """Write a JSON file of what `plain_data` makes of the values."""
-    path.write_text(json_text(data) + "\n", encoding="utf-8")
+def write_record(path: Path, record: Record) -> None:
+    """Write a record as a JSON file."""
+    path.write_text(json_text(record.model_dump(mode="json", exclude_unset=True)) + "\n", encoding="utf-8")
 
 
 def json_text(data: Mapping[str, Any]) -> str:
-    """One JSON object, indented, of what `plain_data` makes of the values."""
+    """Return one JSON object, indented."""
     return json.dumps(plain_data(data), indent=2, ensure_ascii=False, allow_nan=False)
-
-
-def plain_data(value: Any) -> Any:
-    """Dataclasses, mappings and arrays as dicts, lists and numbers; a number that is not finite is None in JSON."""
-    if is_dataclass(value):
-        value = {entry.name: getattr(value, entry.name) for entry in fields(value)}
-    if isinstance(value, Mapping):
-        return {str(key): plain_data(inner) for key, inner in value.items()}
-    if hasattr(value, "tolist"):
-        value = value.tolist()
-    if isinstance(value, (list, tuple)):
-        return [plain_data(inner) for inner in value]
-    return None if isinstance(value, float) and not isfinite(value) else value
-
-
-def write_origin(folder: Path, config: Config, model_file: Path, arguments: Sequence[str]) -> None:
-    """Write the resolved configuration and where the run comes from."""
-    text = dump(config)
-    (folder / CONFIG).write_text(text, encoding="utf-8")
-    write_json(folder / PROVENANCE, provenance(config, text, model_file, arguments))
-
-
-def provenance(config: Config, text: str, model_file: Path, arguments: Sequence[str]) -> dict[str, Any]:
-    """What it takes to make a run again: versions, commit, configuration, robot, seed, arguments, machine."""
-    from robustopt.robot.model_file import model_hash
-
-    return {
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "arguments": ["robustopt", *map(_as_text, arguments)],
-        "seed": config.seed,
-        "config_sha256": hashlib.sha256(text.encode()).hexdigest(),
-        "robot_model": {"name": config.robot.model, "sha256": model_hash(model_file)},
-        "waypoints_sha256": waypoints_hash(config),
-        "versions": {"python": platform.python_version(), **versions()},
-        "git": _git(Path(__file__).resolve().parents[2]),
-        "machine": {
-            "system": platform.system(),
-            "release": platform.release(),
-            "architecture": platform.machine(),
-            "cpus": os.cpu_count(),
-        },
-    }
-
-
-def _as_text(argument: str) -> str:
-    """An argument as UTF-8, where the system has given bytes that are no text in its own encoding."""
-    return argument.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
-
-
-def waypoints_hash(config: Config) -> str | None:
-    """SHA-256 of the file of joint waypoints, None where the configuration has none or names one that is missing."""
-    file = config.folder / config.path.joints if isinstance(config.path.joints, str) else None
-    return hashlib.sha256(file.read_bytes()).hexdigest() if file is not None and file.is_file() else None
-
-
-def versions() -> dict[str, str | None]:
-    """Versions of this package and of those that can change its numbers."""
-    return {"robustopt": __version__, **{name: _version(name) for name in PACKAGES}}
-
-
-def _version(package: str) -> str | None:
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return None
-
-
-def _git(checkout: Path) -> dict[str, Any] | None:
-    """Commit of the checkout that this package is part of, and whether its files differ from it."""
-    top = _git_output(checkout, "rev-parse", "--show-toplevel")
-    if top is None or Path(top) != checkout:
-        return None
-    status = _git_output(checkout, "status", "--porcelain")
-    return {"commit": _git_output(checkout, "rev-parse", "HEAD"), "dirty": status != "" if status is not None else None}
-
-
-def _git_output(folder: Path, *arguments: str) -> str | None:
-    try:
-        done = subprocess.run(["git", *arguments], cwd=folder, capture_output=True, text=True, timeout=10, check=True)
-    except (OSError, subprocess.SubprocessError):
-        return None
-    return done.stdout.strip()
 
 
 # The steps of writing -------------------------------------------------------------------------------------
@@ -213,8 +138,22 @@ def _require_free(out: Path) -> None:
         raise RunFolderError(f"{out}: is a file; expected a new folder, or an empty one")
 
 
+def _make_hidden(final: Path) -> tuple[Path, list[Path]]:
+    """Make the hidden folder of a run; return it, and all folders that were made for it, outermost first."""
+    made: list[Path] = []
+    try:
+        made += _make_parents(final.parent)
+        _remove_abandoned(final.parent)
+        hidden = final.parent / f".{final.name}{_mark()}{os.getpid()}"
+        hidden.mkdir()
+        return hidden, [*made, hidden]
+    except OSError as error:
+        _remove(made)
+        raise RunFolderError(f"{final}: cannot be written: {_reason(error)}; expected a writable folder") from None
+
+
 def _make_parents(folder: Path) -> list[Path]:
-    """Make a folder and those above it; the ones that were missing, outermost first."""
+    """Make a folder and all above it; return the new ones, outermost first."""
     missing = [place for place in (folder, *folder.parents) if not place.exists()][::-1]
     made: list[Path] = []
     try:
@@ -228,12 +167,12 @@ def _make_parents(folder: Path) -> list[Path]:
 
 
 def _mark() -> str:
-    """What stands between the name of a hidden folder and the process that writes it; processes belong to a machine."""
+    """Return the text between the name of a hidden folder and its process, which belongs to one machine."""
     return f".partial-{platform.node()}-"
 
 
 def _remove_abandoned(folder: Path) -> None:
-    """Remove hidden folders that processes of this machine were writing into a folder when they were killed."""
+    """Remove the hidden folders that killed processes of this machine left in a folder."""
     for hidden in folder.glob(f".*{glob.escape(_mark())}*"):
         process = hidden.name.rpartition("-")[2]
         if process.isdigit() and not _is_alive(int(process)):
@@ -241,7 +180,7 @@ def _remove_abandoned(folder: Path) -> None:
 
 
 def _is_alive(process: int) -> bool:
-    if sys.platform == "win32":  # where signal 0 is not a question
+    if sys.platform == "win32":  # signal 0 is not a question there
         return True
     try:
         os.kill(process, 0)
@@ -253,7 +192,7 @@ def _is_alive(process: int) -> bool:
 
 
 def _remove(made: Sequence[Path]) -> None:
-    """Take back what was made: the hidden folder with all in it, and folders above it that are empty."""
+    """Remove the hidden folder with all in it, and the folders above it that were made for it and are empty."""
     with held(), suppress(OSError):
         for folder in reversed(made):
             if _mark() in folder.name:
@@ -263,7 +202,7 @@ def _remove(made: Sequence[Path]) -> None:
 
 
 def flush(folder: Path) -> None:
-    """Have the system write all files of a folder to the disk, which a full disk refuses.
+    """Flush all files of a folder to the disk, which a full disk refuses.
 
     A journal is left out: SQLite does this itself, and would lose its lock on a file that its process closes.
     """
@@ -275,7 +214,7 @@ def flush(folder: Path) -> None:
 
 
 def flush_folder(folder: Path) -> None:
-    """Have the system write the names of the files in a folder to the disk."""
+    """Flush the names of the files in a folder to the disk."""
     if sys.platform == "win32":
         return
     handle = os.open(folder, os.O_RDONLY)
@@ -286,7 +225,7 @@ def flush_folder(folder: Path) -> None:
 
 
 def _publish(hidden: Path, final: Path, numbered: bool) -> Path:
-    """Move the hidden folder to its place, with `numbered` to the next free name if that is taken; where it is now."""
+    """Move the hidden folder to its place and return that; with `numbered`, to the next free name if it is taken."""
     place, number = final, 1
     while True:
         try:

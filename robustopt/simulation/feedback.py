@@ -1,11 +1,11 @@
-"""How well the robot follows its plan: executed minus planned joint acceleration, as the learners need it.
+"""Acceleration error: executed minus planned joint acceleration, as the learners need it.
 
-The executed acceleration is the difference of the joint velocity over a time step, which is what the simulated arm
-really did in that step; the planned one is that of the middle of the step. Their difference is low-passed without
-phase shift, because a plan's acceleration jumps and contacts chatter: what is above the cut-off moves no object.
+The executed acceleration is the difference of the joint velocity over a time step, as the simulated robot really moved;
+the planned one is that of the middle of the step. A low-pass without phase shift cleans their difference, because the
+acceleration of a plan jumps and contacts chatter: content above the cut-off moves no object.
 
-Samples are the steps of the motion up to the first failure of the trial. What comes after it, an object on the floor or
-against the arm, says nothing of how well the plan is followed; it is cut off before the low-pass.
+Samples are the steps of the motion up to the first failure of the trial. Later steps, with an object on the floor or
+against the arm, say nothing about how well the robot follows the plan; they are cut off before the low-pass.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.signal import butter, filtfilt
 
+from robustopt.arrays import Array
 from robustopt.simulation.controller import Reference
 from robustopt.simulation.outcome import Status, TrialOutcome
 
-Array = np.ndarray
 Values = tuple[float, ...]
 
 CUTOFF = 50.0
@@ -28,10 +28,15 @@ CUTOFF = 50.0
 
 @dataclass(frozen=True)
 class Feedback:
-    """Mean and deviation of the joint acceleration error over the samples of all trials, (n,) [rad/s^2].
+    """Acceleration error over all trials of a plan, n coordinates.
 
-    mean, deviation: low-passed; unfiltered_mean, unfiltered_deviation: as it is; trials, samples: number of trials, and
-    of steps of all of them together, that they are over
+    Attributes:
+        mean: mean of the low-passed error (n,) [rad/s^2 or m/s^2].
+        deviation: its standard deviation (n,).
+        unfiltered_mean: mean of the error before the low-pass (n,).
+        unfiltered_deviation: its standard deviation (n,).
+        trials: number of trials with a sample.
+        samples: number of time steps of all of them together.
     """
 
     mean: Values
@@ -43,29 +48,35 @@ class Feedback:
 
 
 def acceleration_error(velocity: Array, planned: Array, timestep: float) -> tuple[Array, Array]:
-    """Executed minus planned joint acceleration in every step, low-passed and unfiltered, (N, n) each.
+    """Return executed minus planned acceleration in every step, low-passed and unfiltered, (N, n) each.
 
-    velocity: of the joints, before each step and after the last, (N + 1, n); planned: acceleration in the middle of
-    each step (N, n)
+    Args:
+        velocity: velocity of the coordinates before each step and after the last (N + 1, n).
+        planned: acceleration in the middle of each step (N, n).
+        timestep: time step [s].
     """
     error = np.diff(velocity, axis=0) / timestep - planned
     return low_passed(error, timestep), error
 
 
 def low_passed(values: Array, timestep: float) -> Array:
-    """Values over time (N, ...) without what is above the cut-off; as they are where the steps are too long or few."""
+    """Return values over time (N, ...) low-passed at the cut-off, or unchanged if the steps are too long or few."""
     margin = round(1 / CUTOFF / timestep)
     if 2 * CUTOFF * timestep >= 1 or len(values) <= margin:
         return values
     numerator, denominator = butter(2, 2 * CUTOFF * timestep)
-    # Mirrored at the ends: what is added by default, turned about the last sample, would leave that one unfiltered.
+    # Mirrored at the ends: the default, an extension turned about the last sample, would leave that one unfiltered.
     return np.asarray(filtfilt(numerator, denominator, values, axis=0, padtype="even", padlen=margin))
 
 
 def with_errors(outcome: TrialOutcome, velocity: Array, planned: Reference, timestep: float) -> TrialOutcome:
-    """The outcome with the moments of its acceleration errors; without samples where the simulation diverged.
+    """Return the outcome with the moments of its acceleration errors, unchanged if the simulation diverged.
 
-    velocity: of the joints, before each step and after the last, (N + 1, n)
+    Args:
+        outcome: outcome of the trial.
+        velocity: velocity of the coordinates before each step and after the last (N + 1, n).
+        planned: reference of the controllers.
+        timestep: time step [s].
     """
     if outcome.status is Status.DIVERGED:
         return outcome
@@ -83,7 +94,7 @@ def with_errors(outcome: TrialOutcome, velocity: Array, planned: Reference, time
 
 
 def feedback_of(outcomes: Sequence[TrialOutcome]) -> Feedback | None:
-    """The feedback of all trials, every sample counting the same; None without a sample."""
+    """Return the feedback of all trials, with the same weight for every sample; None without a sample."""
     some = [outcome for outcome in outcomes if outcome.error_steps]
     if not some:
         return None
@@ -94,11 +105,11 @@ def feedback_of(outcomes: Sequence[TrialOutcome]) -> Feedback | None:
 
 
 def _moments(error: Array) -> tuple[Values, Values]:
-    """Mean and mean square of each column of (M, n)."""
+    """Return mean and mean square of each column of (M, n)."""
     return tuple(error.mean(axis=0).tolist()), tuple((error**2).mean(axis=0).tolist())
 
 
 def _pooled(steps: list[int], means: list[Values], squares: list[Values]) -> tuple[Values, Values]:
-    """Mean and deviation of the samples of trials, from number, mean and mean square of each trial's."""
+    """Return mean and deviation of the samples of trials, from number, mean and mean square of each trial."""
     mean, square = (np.average(values, axis=0, weights=steps) for values in (means, squares))
     return tuple(mean.tolist()), tuple(np.sqrt(np.maximum(square - mean**2, 0.0)).tolist())

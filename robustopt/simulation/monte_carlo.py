@@ -12,18 +12,17 @@ from typing import Any
 
 import numpy as np
 
+from robustopt.arrays import Array
 from robustopt.config import Config, ExecutionConfig
 from robustopt.errors import ConfigError, SimulationFailed
 from robustopt.processes import AHEAD, cores, in_order, in_processes
-from robustopt.simulation.controller import Gains, JointLayout, Reference
+from robustopt.simulation.controller import Gains, Reference, controls
 from robustopt.simulation.disturbance import CALIBRATION, FORCE, WORLD, calibration, forces, generator
 from robustopt.simulation.feedback import with_errors
 from robustopt.simulation.outcome import TrialOutcome, diverged, judge
-from robustopt.simulation.scenes import Scene, scene_of
-from robustopt.simulation.simulation import Record, Workspace, joint_positions, simulate
-from robustopt.simulation.truth import World, true_world, varies
-
-Array = np.ndarray
+from robustopt.simulation.parameters import Parameters, actual_parameters, varies
+from robustopt.simulation.simulation import Record, Workspace, positions_before, simulate
+from robustopt.simulation.world import Layout, World
 
 CHUNK = 25
 """Most trials in one batch: enough to keep the threads busy."""
@@ -32,26 +31,53 @@ CHUNK_STEPS = 200_000
 """Most time steps of all trials of a batch of several: few enough for some 300 MB of records."""
 
 CONNECT = 10
-"""How long a Dask scheduler and its workers are waited for [s]."""
+"""Longest time to wait for a Dask scheduler and its workers [s]."""
+
+Progress = Callable[[int, int, int], None]
+"""Called with the number of trials done, asked for, and succeeded."""
 
 
 @dataclass(frozen=True)
 class Job:
-    """All that a worker needs to run any trial."""
+    """Everything that a worker needs to run any trial."""
 
     config: Config
-    execution: ExecutionConfig
     gains: Gains
     planned: Reference
     seed: int
 
+    @property
+    def execution(self) -> ExecutionConfig:
+        """Return the section `execution` of the task."""
+        return self.config.execution or ExecutionConfig()
+
     @cached_property
-    def scene(self) -> Scene[Any]:
-        """The world of the configuration, built once in each process."""
-        return scene_of(self.config, self.gains, self.execution.timestep)
+    def world(self) -> World:
+        """Build the world of the task, once in each process."""
+        return World(self.config, self.gains, self.execution.timestep)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name != "scene"}
+        return {name: value for name, value in self.__dict__.items() if name != "world"}
+
+    def with_torque(self, torque: Array) -> Job:
+        """Return the job with a torque (N, n) fed forward; it keeps the world that was built."""
+        job = replace(self, planned=replace(self.planned, torque=torque))
+        job.__dict__["world"] = self.world
+        return job
+
+    def parameters(self, trial: int) -> Parameters:
+        """Sample the actual parameters of a trial."""
+        return actual_parameters(self.world.nominal, self.config, generator(self.seed, trial, WORLD))
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """The start of k trials: numbers, actual parameters, calibration offsets (k, n), and the layout of their models."""
+
+    trials: Sequence[int]
+    parameters: Sequence[Parameters]
+    offsets: Array
+    layout: Layout
 
 
 def run_trials(job: Job, trials: Sequence[int], threads: int, workspace: Workspace | None = None) -> list[TrialOutcome]:
@@ -60,44 +86,36 @@ def run_trials(job: Job, trials: Sequence[int], threads: int, workspace: Workspa
     return [outcome_of(job, prepared, record, i) for i in range(len(trials))]
 
 
-@dataclass(frozen=True)
-class Prepared:
-    """What trials start from: their worlds, offsets of the coordinates (k, n), and where things are in the arrays."""
-
-    trials: Sequence[int]
-    worlds: Sequence[World]
-    offsets: Array
-    layout: JointLayout
-    scene: Scene[Any]
-
-
 def simulate_trials(job: Job, trials: Sequence[int], threads: int, workspace: Workspace) -> tuple[Prepared, Record]:
     """Simulate trials by their numbers."""
-    execution, planned = job.execution, job.planned
-    scene = job.scene
-    worlds = [true_world(scene.believed, execution.truth, generator(job.seed, k, WORLD)) for k in trials]
-    models = [scene.model(world) for world in (worlds if varies(execution.truth) else worlds[:1])]
-    model, layout = models[0], scene.layout(models[0])
-    disturbance, driven = execution.disturbance, scene.driven
-    offsets = np.zeros((len(trials), planned.q.shape[1]))
+    execution, world = job.execution, job.world
+    parameters = [job.parameters(k) for k in trials]
+    models = [world.model(own) for own in (parameters if varies(execution.truth) else parameters[:1])]
+    model, layout = models[0], world.layout(models[0])
+    offsets = np.zeros((len(trials), job.planned.q.shape[1]))
     for offset, k in zip(offsets, trials, strict=True):
-        offset[driven] = calibration(disturbance, len(scene.joint_names), generator(job.seed, k, CALIBRATION))
-    control = workspace.array("control", (len(trials), len(planned.t), model.nu + 6 * model.nbody))
-    control[:, :, : model.nu] = scene.controls(model, layout, planned)
+        random = generator(job.seed, k, CALIBRATION)
+        offset[world.driven] = calibration(execution.disturbance, len(world.joint_names), random)
+    control = workspace.array("control", (len(trials), len(job.planned.t), model.nu + 6 * model.nbody))
+    control[:, :, : model.nu] = controls(model, layout, job.planned, world.driven)
     if offsets.any():
-        control[:, :, layout.control] += offsets[:, None, driven]
-    at = model.nu + 6 * _pushed(scene, layout, disturbance.on)
-    for i, k in enumerate(trials):
-        random = generator(job.seed, k, FORCE)
-        control[i, :, at : at + 3] = forces(disturbance, execution.timestep, len(planned.t), random)
-    start = np.array([scene.start(layout, planned.q[0] + offset, model.nq) for offset in offsets])
+        control[:, :, layout.control] += offsets[:, None, world.driven]
+    _add_forces(job, trials, control, model.nu + 6 * _pushed(world, layout, execution.disturbance.on))
+    start = np.array([world.start(layout, job.planned.q[0] + offset, model.nq) for offset in offsets])
     record = simulate(models, start, control, threads, workspace)
-    return Prepared(trials, worlds, offsets, layout, scene), record
+    return Prepared(trials, parameters, offsets, layout), record
 
 
-def _pushed(scene: Scene[Any], layout: JointLayout, name: str | None) -> int:
-    """Number of the body that the random force acts on."""
-    name = scene.pushed if name is None else name
+def _add_forces(job: Job, trials: Sequence[int], control: Array, at: int) -> None:
+    """Sample the random force of each trial into three columns of its control, from `at` on."""
+    disturbance, h = job.execution.disturbance, job.execution.timestep
+    for i, k in enumerate(trials):
+        control[i, :, at : at + 3] = forces(disturbance, h, len(job.planned.t), generator(job.seed, k, FORCE))
+
+
+def _pushed(world: World, layout: Layout, name: str | None) -> int:
+    """Return the number of the body on which the random force acts."""
+    name = world.pushed if name is None else name
     if name not in layout.bodies:
         known = ", ".join(layout.bodies)
         raise ConfigError(f"nothing is called {name}; expected one of {known}", key="execution.disturbance.on")
@@ -105,22 +123,23 @@ def _pushed(scene: Scene[Any], layout: JointLayout, name: str | None) -> int:
 
 
 def outcome_of(job: Job, prepared: Prepared, record: Record, i: int) -> TrialOutcome:
-    """The outcome of the trial with index i of a chunk."""
-    scene, layout, planned, failure = prepared.scene, prepared.layout, job.planned, job.execution.failure
-    criteria, trial, world = scene.criteria(failure), prepared.trials[i], prepared.worlds[i]
+    """Return the outcome of the trial with index i of a chunk."""
+    world, layout, planned, failure = job.world, prepared.layout, job.planned, job.execution.failure
+    criteria, trial, parameters = layout.criteria(failure), prepared.trials[i], prepared.parameters[i]
     if record.diverged[i]:
-        return diverged(trial, world, list(criteria))
+        return diverged(trial, parameters, list(criteria))
+    share = np.abs(record.torque[i][:, layout.dofs]) / world.torque_limit
     outcome = judge(
-        trial, world, failure, planned, scene.motions(layout, planned, record, i), criteria, scene.joint_names,
-        scene.torque_limit, np.abs(tracking_error(job, prepared, record, i)).max(), record.torque[i][:, layout.dofs],
+        trial, parameters, failure, planned, layout.motions(planned, record, i), criteria,
+        dict(zip(world.joint_names, share.T, strict=True)), np.abs(tracking_error(job, prepared, record, i)).max(),
     )  # fmt: skip
-    return with_errors(outcome, scene.velocities(layout, record, i), planned, job.execution.timestep)
+    return with_errors(outcome, world.velocities(layout, record, i), planned, job.execution.timestep)
 
 
 def tracking_error(job: Job, prepared: Prepared, record: Record, i: int) -> Array:
-    """Positions of the joints with a motor less their reference in a trial, (N, m)."""
-    driven = prepared.scene.driven
-    reached = joint_positions(record, prepared.layout.joints, i)
+    """Return the distance of the joints with a motor from their reference in a trial, (N, m)."""
+    driven = job.world.driven
+    reached = positions_before(record, i, prepared.layout.joints)
     return np.asarray(reached - job.planned.q[:, driven] - prepared.offsets[i, driven])
 
 
@@ -128,16 +147,18 @@ def tracking_error(job: Job, prepared: Prepared, record: Record, i: int) -> Arra
 
 
 def share_cores(workers: int) -> tuple[int, int]:
-    """Processes and threads of each, together never more than there are cores."""
+    """Return the number of processes and of threads of each: together at most as many as there are cores."""
     processes = max(1, min(workers, cores()))
     return processes, max(1, cores() // processes)
 
 
 @dataclass(frozen=True)
 class Workers:
-    """Who runs the chunks: processes of this machine, whose threads share the cores, or a Dask cluster.
+    """The processes that run the chunks.
 
-    processes: at most as many as there are cores; scheduler: address of a Dask scheduler, or None
+    Attributes:
+        processes: number of processes of this machine, at most one per core; their threads share the cores.
+        scheduler: address of the Dask scheduler of a cluster that runs the chunks instead, or None.
     """
 
     processes: int = 1
@@ -145,28 +166,19 @@ class Workers:
 
 
 def run_all(
-    job: Job, trials: Sequence[int], workers: Workers, progress: Callable[[int, int, int], None] | None
+    job: Job, trials: Sequence[int], workers: Workers, progress: Progress | None
 ) -> tuple[list[TrialOutcome], bool]:
-    """Outcomes of the trials in their order, and whether all were run; Ctrl-C keeps what was done before it.
+    """Run trials; Ctrl-C keeps the chunks that were done before it. If trials are alike, one simulation stands for all.
 
-    Where nothing is drawn at random one trial is simulated, and stands for all.
+    Returns:
+        the outcomes in the order of the trials, and whether all trials were run.
     """
-    if trials and not is_random(job.execution):
-        return _all_alike(job, trials, progress)
-    processes, threads = share_cores(workers.processes)
-    size = max(1, min(CHUNK, CHUNK_STEPS // len(job.planned.t)))
-    chunks = [trials[i : i + size] for i in range(0, len(trials), size)]
+    alike = bool(trials) and not is_random(job.execution)
+    results = _here(job, [trials[:1]], 1) if alike else _chunk_outcomes(job, trials, workers)
     outcomes: list[TrialOutcome] = []
-    if workers.scheduler is not None:
-        results = _on_cluster(job, chunks, workers.scheduler)
-    elif processes > 1:
-        tasks = [(job, chunk, threads) for chunk in chunks]
-        results = in_processes(run_trials, tasks, processes, SimulationFailed)
-    else:
-        results = _here(job, chunks, threads)
     try:
         for chunk in results:
-            outcomes += chunk
+            outcomes += [replace(chunk[0], trial=k) for k in trials] if alike else chunk
             if progress is not None:
                 progress(len(outcomes), len(trials), sum(outcome.success for outcome in outcomes))
     except KeyboardInterrupt:
@@ -175,24 +187,23 @@ def run_all(
     return outcomes, True
 
 
+def _chunk_outcomes(job: Job, trials: Sequence[int], workers: Workers) -> Generator[list[TrialOutcome], None, None]:
+    """Yield the outcomes of trials chunk by chunk, in their order."""
+    processes, threads = share_cores(workers.processes)
+    size = max(1, min(CHUNK, CHUNK_STEPS // len(job.planned.t)))
+    chunks = [trials[i : i + size] for i in range(0, len(trials), size)]
+    if workers.scheduler is not None:
+        return _on_cluster(job, chunks, workers.scheduler)
+    if processes > 1:
+        tasks = [(job, chunk, threads) for chunk in chunks]
+        return in_processes(run_trials, tasks, processes, SimulationFailed)
+    return _here(job, chunks, threads)
+
+
 def is_random(execution: ExecutionConfig) -> bool:
-    """Whether trials differ: whether a force, an offset of a joint or a part of the world is drawn at random."""
-    drawn = execution.disturbance
-    return varies(execution.truth) or any(drawn.force_deviation) or bool(np.any(drawn.calibration_deviation))
-
-
-def _all_alike(
-    job: Job, trials: Sequence[int], progress: Callable[[int, int, int], None] | None
-) -> tuple[list[TrialOutcome], bool]:
-    outcomes: list[TrialOutcome] = []
-    try:
-        (first,) = run_trials(job, trials[:1], 1)
-        outcomes = [replace(first, trial=k) for k in trials]
-        if progress is not None:
-            progress(len(trials), len(trials), len(trials) * first.success)
-    except KeyboardInterrupt:
-        return outcomes, False
-    return outcomes, True
+    """Check whether trials differ: a force, a calibration offset or a parameter of the world is random."""
+    random = execution.disturbance
+    return varies(execution.truth) or any(random.force_deviation) or bool(np.any(random.calibration_deviation))
 
 
 def _here(job: Job, chunks: Sequence[Sequence[int]], threads: int) -> Generator[list[TrialOutcome], None, None]:
@@ -202,7 +213,7 @@ def _here(job: Job, chunks: Sequence[Sequence[int]], threads: int) -> Generator[
 
 
 def _on_cluster(job: Job, chunks: Sequence[Sequence[int]], scheduler: str) -> Generator[list[TrialOutcome], None, None]:
-    """Chunks in their order, run by a Dask cluster, one thread each; Dask gives those of a lost worker to another."""
+    """Run chunks on a cluster, one thread each; Dask gives the chunks of a lost worker to another."""
     try:
         from distributed import Client, KilledWorker
     except ImportError:

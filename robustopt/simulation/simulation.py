@@ -1,4 +1,4 @@
-"""Many trials at once in MuJoCo: settle, then run open loop on controls that are known beforehand, in C threads."""
+"""Simulation of many trials at once in MuJoCo: they settle, then run open loop on known controls, in C threads."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-Array = np.ndarray
+from robustopt.arrays import Array, Flags, Indices
 
 SETTLE = 0.5
-"""Time for which the world comes to rest under the controller before anything is recorded [s]."""
+"""Time for which the world comes to rest under the controller before recording starts [s]."""
 
 CONTROL = int(mujoco.mjtState.mjSTATE_CTRL) | int(mujoco.mjtState.mjSTATE_XFRC_APPLIED)
 
 
 @dataclass(frozen=True)
 class Record:
-    """What trials did in N time steps; leading index: trial.
+    """States of k trials over N time steps.
 
-    qpos (n, N, nq), qvel (n, N, nv): after each step; start_qpos (n, nq), start_qvel (n, nv): before the first;
-    sensors (n, N, .) and torque (n, N, nv), drives and gravity compensation together: at the start of each step;
-    diverged: (n,)
+    qpos (k, N, nq), qvel (k, N, nv): after each step; start_qpos (k, nq), start_qvel (k, nv): before the first; sensors
+    (k, N, .) and torque (k, N, nv), of drives and gravity compensation together: at the start of each step; diverged:
+    (k,)
     """
 
     qpos: Array
@@ -33,21 +33,21 @@ class Record:
     start_qvel: Array
     sensors: Array
     torque: Array
-    diverged: Array
+    diverged: Flags
 
 
-def joint_positions(record: Record, joints: Array, i: int) -> Array:
-    """Positions of joints of a trial at the start of each step, (N, m); joints: their indices in qpos."""
-    return np.vstack([record.start_qpos[i, joints], record.qpos[i, :-1][:, joints]])
+def positions_before(record: Record, i: int, chosen: slice | Indices = slice(None)) -> Array:
+    """Return positions of the trial with index i at the start of each step, (N, m); chosen: their indices in qpos."""
+    return np.vstack([record.start_qpos[i, chosen], record.qpos[i, :-1][:, chosen]])
 
 
-def joint_velocities(record: Record, dofs: Array, i: int) -> Array:
-    """Velocities of joints of a trial before each step and after the last, (N + 1, m); dofs: their indices in qvel."""
+def velocities(record: Record, i: int, dofs: Indices) -> Array:
+    """Return velocities of the trial with index i before each step and after the last, (N + 1, m)."""
     return np.vstack([record.start_qvel[i, dofs], record.qvel[i][:, dofs]])
 
 
 class Workspace:
-    """Large arrays that are used again from chunk to chunk: to have new ones zeroed costs as much as a tenth of a run.
+    """Large arrays for reuse from chunk to chunk: to zero new ones costs as much as a tenth of a run.
 
     A record made in a workspace is valid until the next one.
     """
@@ -56,7 +56,7 @@ class Workspace:
         self._arrays: dict[str, Array] = {}
 
     def array(self, name: str, shape: tuple[int, ...]) -> Array:
-        """An array of the shape; zeros at first, later what was last written to it."""
+        """Return an array of the shape: of zeros at first, later with its last content."""
         found = self._arrays.get(name)
         if found is None or found.shape != shape:
             found = self._arrays[name] = np.zeros(shape)
@@ -66,10 +66,10 @@ class Workspace:
 def simulate(
     models: Sequence[mujoco.MjModel], start: Array, control: Array, threads: int, workspace: Workspace
 ) -> Record:
-    """Run trials from rest.
+    """Run k trials from rest, so many threads at a time.
 
-    models: one for all trials, or one for each; start: qpos (n, nq); control: inputs and then the external forces on
-    all bodies, (n, N, nu + 6 nbody); threads: at most as many at a time
+    models: one for all trials, or one for each; start: qpos (k, nq); control: inputs, then the external forces on all
+    bodies (k, N, nu + 6 nbody)
     """
     trials, steps = control.shape[:2]
     model = models[0]
@@ -90,7 +90,7 @@ def simulate(
 
 
 def _settle(batch: Batch, models: Sequence[mujoco.MjModel], start: Array, inputs: Array) -> None:
-    """Bring all trials to rest; those that are alike are settled once."""
+    """Bring all trials to rest; trials that are alike settle once."""
     steps = round(SETTLE / batch.model.opt.timestep)
     alike = len(models) == 1 and bool((start == start[0]).all() and (inputs == inputs[0]).all())
     settled = Batch(batch.model, 1, 1) if alike else batch
@@ -105,7 +105,7 @@ def _settle(batch: Batch, models: Sequence[mujoco.MjModel], start: Array, inputs
 
 @contextmanager
 def _no_log_file() -> Iterator[None]:
-    """Keep MuJoCo from writing its warnings to a file in the working directory; they are counted in the batch."""
+    """Keep MuJoCo from writing its warnings to a file in the working directory; the batch counts them."""
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda _: None)
     try:
@@ -114,6 +114,6 @@ def _no_log_file() -> Iterator[None]:
         mujoco.set_mju_user_warning(before)
 
 
-def _warned(batch: Batch) -> Array:
-    """Trials in which MuJoCo has warned, (n,): that is how it reports a simulation that diverges."""
+def _warned(batch: Batch) -> Flags:
+    """Find the trials in which MuJoCo has warned, (k,): it reports a simulation that diverges by a warning."""
     return np.asarray(batch.warning.reshape(batch.nsim, -1).any(axis=1))

@@ -1,63 +1,78 @@
-"""A single trial over time, to look at: simulated again, because trial k alone is trial k of many."""
+"""One trial over time: it is simulated again, because trial k alone equals trial k of many."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-import numpy as np
-from numpy.typing import NDArray
-
+from robustopt.arrays import Array, Flags
 from robustopt.config import Config
 from robustopt.simulation.execute import faster, prepare
 from robustopt.simulation.feedback import acceleration_error
-from robustopt.simulation.footing import MeasuredContact
+from robustopt.simulation.interfaces import Grounded, MeasuredContact
 from robustopt.simulation.monte_carlo import outcome_of, simulate_trials, tracking_error
 from robustopt.simulation.outcome import Motion, TrialOutcome
 from robustopt.simulation.simulation import Workspace
-from robustopt.simulation.walker_scene import WalkerLayout, WalkerScene
 from robustopt.solvers import Plan
 from robustopt.solvers.contact_forces import ContactForces, planned_forces
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Trace:
-    """A trial over time, N steps, n coordinates of the plan, m of them joints with a motor.
+    """A trial over time: N steps, n coordinates of the plan, m joints with a motor.
 
-    t: start of each step, 0 where the motion starts (N,) [s]; moving: (N,) steps of the motion; tracking_error: joint
-    positions less their reference (N, m) [rad or m]; planned: acceleration; executed: that plus the low-passed error
-    (see `feedback`), (N, n) [rad/s^2]; objects: movement of each against what it stands on, of the contacts and the
-    trunk of a robot on its feet; qpos: (N, nq); joint_names: (m,); thresholds: of slip, tilt, drop and lift, by name;
-    contacts: what was done to each of these contacts; planned_forces: what was to be done
+    Attributes:
+        outcome: outcome of the trial.
+        t: start of each step, 0 at the start of the motion (N,) [s].
+        moving: steps of the motion (N,).
+        tracking_error: joint positions less their reference (N, m) [rad or m].
+        planned: planned acceleration (N, n) [rad/s^2 or m/s^2].
+        executed: planned acceleration plus the low-passed error (N, n) [rad/s^2 or m/s^2].
+        objects: movement by name of each object, environment contact and floating base.
+        qpos: state of MuJoCo after each step (N, nq).
+        joint_names: joints with a motor (m,).
+        thresholds: largest allowed movement by the same names and by kind: slip, tilt, drop, lift.
+        contacts: measured force by environment contact.
+        planned_forces: planned forces of these contacts, None without any.
     """
 
     outcome: TrialOutcome
     t: Array
-    moving: NDArray[np.bool_]
+    moving: Flags
     tracking_error: Array
     planned: Array
     executed: Array
     objects: Mapping[str, Motion]
     qpos: Array
     joint_names: tuple[str, ...]
-    thresholds: Mapping[str, float]
+    thresholds: Mapping[str, Mapping[str, float]]
     contacts: Mapping[str, MeasuredContact] = field(default_factory=dict)
     planned_forces: ContactForces | None = None
 
 
-def trace(config: Config, plan: Plan, trial: int, seed: int | None = None, speed: float = 1.0) -> Trace:
-    """Simulate trial number `trial` of `execute` with the same arguments once more, and keep what it does over time."""
-    job = prepare(config, plan, seed, speed)
+def trace(plan: Plan, trial: int, config: Config | None = None, seed: int | None = None, speed: float = 1.0) -> Trace:
+    """Simulate a trial of `execute` once more and keep its movement over time.
+
+    Args:
+        plan: the plan.
+        trial: number of the trial.
+        config: configuration in place of that of the plan, as for `execute`.
+        seed: seed, in place of that of the configuration.
+        speed: factor on the speed of the plan.
+
+    Returns:
+        The trial over time.
+
+    Raises:
+        Infeasible, ConfigError, SimulationFailed: as `execute`.
+    """
+    job = prepare(plan, config, seed, speed)
     prepared, record = simulate_trials(job, [trial], 1, Workspace())
-    scene, layout, planned = prepared.scene, prepared.layout, job.planned
-    error, _ = acceleration_error(scene.velocities(layout, record, 0), planned.qdd, job.execution.timestep)
-    criteria = [item for items in scene.criteria(job.execution.failure).values() for item in items]
-    contacts: dict[str, MeasuredContact] = {}
-    wanted = None
-    if isinstance(scene, WalkerScene) and isinstance(layout, WalkerLayout):
-        contacts, wanted = scene.contacts(layout, record, 0), planned_forces(faster(plan, speed))
+    world, layout, planned = job.world, prepared.layout, job.planned
+    error, _ = acceleration_error(world.velocities(layout, record, 0), planned.qdd, job.execution.timestep)
+    criteria = layout.criteria(job.execution.failure)
+    ground = [item for item in layout.interfaces if isinstance(item, Grounded)]
+    contacts = {item.name: item.measured(record, 0, job.execution.timestep) for item in ground}
     return Trace(
         outcome=outcome_of(job, prepared, record, 0),
         t=planned.t,
@@ -65,10 +80,10 @@ def trace(config: Config, plan: Plan, trial: int, seed: int | None = None, speed
         tracking_error=tracking_error(job, prepared, record, 0),
         planned=planned.qdd,
         executed=planned.qdd + error,
-        objects=scene.motions(layout, planned, record, 0),
+        objects=layout.motions(planned, record, 0),
         qpos=record.qpos[0],
-        joint_names=scene.joint_names,
-        thresholds={item.kind: item.limit for item in criteria},
+        joint_names=world.joint_names,
+        thresholds={name: {item.kind: item.limit for item in items} for name, items in criteria.items()},
         contacts=contacts,
-        planned_forces=wanted,
+        planned_forces=planned_forces(faster(plan, speed)) if contacts else None,
     )

@@ -1,4 +1,4 @@
-"""Pictures of trials: a film of several side by side, and a strip of frames. Needs no display."""
+"""Films of trials side by side, and strips of their frames; no display is needed."""
 
 from __future__ import annotations
 
@@ -13,11 +13,9 @@ from numpy.typing import NDArray
 
 from robustopt.config import Config
 from robustopt.errors import SimulationFailed
-from robustopt.simulation.disturbance import WORLD, generator
 from robustopt.simulation.execute import prepare
-from robustopt.simulation.scene import View
+from robustopt.simulation.pictures import View, add_scenery, view_of
 from robustopt.simulation.trace import Trace
-from robustopt.simulation.truth import true_world
 from robustopt.solvers import Plan
 
 Image = NDArray[np.uint8]
@@ -28,20 +26,42 @@ STRIP = 6
 """Frames of a strip."""
 
 
-def film(config: Config, plan: Plan, traces: Sequence[Trace], seed: int | None = None) -> list[Image]:
-    """Frames of trials side by side, each (HEIGHT, WIDTH * len(traces), 3)."""
-    job = prepare(config, plan, seed)
-    scene = job.scene
+def film(plan: Plan, traces: Sequence[Trace], config: Config | None = None, seed: int | None = None) -> list[Image]:
+    """Draw trials side by side.
+
+    Args:
+        plan: the plan.
+        traces: its trials over time.
+        config: configuration of the trials in place of that of the plan.
+        seed: seed of the trials, in place of that of the configuration.
+
+    Returns:
+        Frames, (HEIGHT, WIDTH * len(traces), 3) each.
+
+    Raises:
+        SimulationFailed: MuJoCo cannot draw here.
+    """
+    job = prepare(plan, config, seed)
     columns = []
     for trace in traces:
-        world = true_world(scene.believed, job.execution.truth, generator(job.seed, trace.outcome.trial, WORLD))
-        model = scene.model(world, sky=True)
-        columns.append(_frames(model, scene.view(scene.layout(model), trace.qpos), trace))
+        spec = job.world.spec(job.parameters(trace.outcome.trial))
+        add_scenery(spec, job.config, job.world.robot)
+        model = spec.compile()
+        q = trace.qpos[::100][:, job.world.layout(model).joints]
+        columns.append(_frames(model, view_of(job.config, job.world.robot, q), trace))
     return [np.concatenate(row, axis=1) for row in zip(*columns, strict=True)]
 
 
 def write_film(frames: Sequence[Image], folder: Path) -> list[Path]:
-    """Write a film, MP4 where ffmpeg can, else animated WebP, and a strip of frames; returns the files."""
+    """Write a film, as MP4 if the system has ffmpeg, else as animated WebP, and a strip of frames.
+
+    Args:
+        frames: the film.
+        folder: folder of the files; made if there is none.
+
+    Returns:
+        The files.
+    """
     from PIL import Image as Picture
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -52,7 +72,7 @@ def write_film(frames: Sequence[Image], folder: Path) -> list[Path]:
 
 
 def _write_mp4(frames: Sequence[Image], path: Path) -> Path | None:
-    """The film as MP4, None where there is no ffmpeg that can write one."""
+    """Write the film as MP4; return None if there is no ffmpeg that can."""
     ffmpeg = shutil.which("ffmpeg")
     if ffmpeg is None:
         return None

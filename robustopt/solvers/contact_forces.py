@@ -16,7 +16,7 @@ import numpy as np
 from robustopt.arrays import Array, Indices
 from robustopt.config import BASE_COORDINATES as BASE
 from robustopt.config import FEET
-from robustopt.errors import ProblemInfeasible
+from robustopt.errors import Infeasible
 from robustopt.limits.load_sharing import distribute, willingness
 from robustopt.limits.torque import Sharing
 from robustopt.path import Path
@@ -116,14 +116,14 @@ def planned_forces(plan: Plan) -> ContactForces:
         plan: the plan.
 
     Raises:
-        ProblemInfeasible: the plan has no timing, or the robot has no environment contacts.
+        Infeasible: the plan has no timing, or the robot has no environment contacts.
     """
     if plan.x.size == 0:
-        raise ProblemInfeasible(f"There are no contact forces: {plan.message}")
+        raise Infeasible(f"There are no contact forces: {plan.message}")
     problem = plan.problem
     sharing, path = problem.limits.torque.sharing, problem.path
     if sharing is None:
-        raise ProblemInfeasible("There are no environment contacts: the robot has no floating base.")
+        raise Infeasible("There are no environment contacts: the robot has no floating base.")
     trajectory = Trajectory.from_plan(plan)
     interval = np.arange(len(plan.u))
     points = np.concatenate([[0], np.column_stack([interval, interval + 1]).ravel(), [len(plan.s) - 1]])

@@ -6,12 +6,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from robustopt.arrays import Array, Flags, Indices
 from robustopt.compiled import compiled
 from robustopt.limits import TimeScalingProblem
+from robustopt.views import view
+
+if TYPE_CHECKING:
+    from pathlib import Path as FilePath
+
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
 
 ACTIVE_TOLERANCE = 1e-4
 """Fraction of its limit within which a row binds; solver tolerances are a hundredth of it."""
@@ -73,6 +81,38 @@ class Plan:
     def active(self) -> tuple[tuple[str, ...], ...]:
         """Return the names of the limits that bind at either end of each interval; empty without a timing."""
         return _active(self.problem, self.x, self.u) if self.status is Status.SOLVED else ()
+
+    def export(self, folder: FilePath | str, period: float | None = None) -> list[FilePath]:
+        """Write the plan into a folder, in the formats of a run folder.
+
+        Args:
+            folder: made if it is missing; files in it are overwritten.
+            period: of the samples [s]; by default `output.period` of the configuration.
+
+        Returns:
+            The files: `plan.csv` (at the grid points), `trajectory.csv` (every period), and `joint_trajectory.json`
+            (every period, in the shape of a ROS `trajectory_msgs/JointTrajectory` message).
+
+        Raises:
+            Infeasible: the plan has no timing.
+            ConfigError: the period is not positive, or too short.
+        """
+        return view("robustopt.solvers.trajectory.export", self, folder, period)
+
+    def to_frame(self) -> DataFrame:
+        """Return the plan at its grid points as a table: t, s, sd, sdd, q_<joint>, qd_<joint>, qdd_<joint>.
+
+        Raises:
+            Infeasible: the plan has no timing.
+        """
+        return view("robustopt.frames.plan_frame", self)
+
+    def plot(self) -> Figure:
+        """Return the phase plane: the speed sd over s, with its limits and the limits that bind."""
+        return view("robustopt.plotting.views.plan_figure", self)
+
+    def _repr_html_(self) -> str:
+        return view("robustopt.frames.plan_html", self)
 
 
 def duration_of(ds: Array, x: Array) -> float:

@@ -10,6 +10,7 @@ and q = q(s), qd = q' sd, qdd = q' sdd + q'' sd^2, without numerical integration
 from __future__ import annotations
 
 import csv
+import json
 from dataclasses import dataclass
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
@@ -17,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robustopt.errors import ConfigError, ProblemInfeasible, SolverFailed
+from robustopt.errors import ConfigError, Infeasible, SolverFailed
 
 if TYPE_CHECKING:
     from robustopt.path import Path
@@ -87,13 +88,13 @@ class Trajectory:
             speed: factor on sd; sdd and the joint accelerations grow with its square.
 
         Raises:
-            ProblemInfeasible: the plan is empty.
+            Infeasible: the plan is empty.
             SolverFailed: the plan rests at both ends of an interval that has a length, so it never ends.
             ConfigError: `speed` is not positive and finite.
         """
         _require_positive("speed", speed)
         if plan.x.size == 0:
-            raise ProblemInfeasible(f"There is no trajectory: {plan.message}")
+            raise Infeasible(f"There is no trajectory: {plan.message}")
         s = np.asarray(plan.s, dtype=float)
         sd = speed * np.sqrt(np.maximum(plan.x, 0.0))
         steps = interval_durations(s, sd)
@@ -214,7 +215,7 @@ def binding_shares(plan: Plan) -> dict[str, float]:
         plan: a plan with a timing.
 
     Raises:
-        ProblemInfeasible: the plan is empty.
+        Infeasible: the plan is empty.
     """
     times: dict[str, float] = {}
     for step, names in zip(np.diff(Trajectory.from_plan(plan).times).tolist(), plan.active, strict=True):
@@ -223,6 +224,17 @@ def binding_shares(plan: Plan) -> dict[str, float]:
                 times[name] = times.get(name, 0.0) + step / max(len(names), 1)
     total = sum(times.values())
     return {name: time / total for name, time in sorted(times.items(), key=lambda item: (-item[1], item[0]))}
+
+
+def export(plan: Plan, folder: FilePath | str, period: float | None = None) -> list[FilePath]:
+    """Write a plan into a folder, see `Plan.export`."""
+    folder, period = FilePath(folder), plan.problem.config.output.period if period is None else period
+    folder.mkdir(parents=True, exist_ok=True)
+    files = [folder / name for name in ("plan.csv", "trajectory.csv", "joint_trajectory.json")]
+    write_plan_csv(plan, files[0])
+    write_trajectory_csv(plan, period, files[1])
+    files[2].write_text(json.dumps(joint_trajectory(plan, period)) + "\n", encoding="utf-8")
+    return files
 
 
 def write_plan_csv(plan: Plan, path: FilePath) -> None:
@@ -235,7 +247,7 @@ def write_plan_csv(plan: Plan, path: FilePath) -> None:
         path: name of the file.
 
     Raises:
-        ProblemInfeasible: the plan is empty.
+        Infeasible: the plan is empty.
     """
     _write_csv(Trajectory.from_plan(plan).at_gridpoints(), plan.problem.robot.joint_names, path)
 
@@ -252,7 +264,7 @@ def write_trajectory_csv(plan: Plan, period: float, path: FilePath, speed: float
         speed: factor on the speed of the plan.
 
     Raises:
-        ProblemInfeasible: the plan is empty.
+        Infeasible: the plan is empty.
         ConfigError: the period is not positive, or too short.
     """
     _write_csv(Trajectory.from_plan(plan, speed).every(period), plan.problem.robot.joint_names, path)
@@ -269,7 +281,7 @@ def joint_trajectory(plan: Plan, period: float) -> dict[str, Any]:
         period: time between samples [s].
 
     Raises:
-        ProblemInfeasible: the plan is empty.
+        Infeasible: the plan is empty.
         ConfigError: the period is not positive, or too short.
     """
     samples = Trajectory.from_plan(plan).every(period)
@@ -289,14 +301,20 @@ def _ros_duration(t: float) -> dict[str, int]:
     return {"sec": sec, "nanosec": nanosec}
 
 
-def _write_csv(samples: Samples, joint_names: tuple[str, ...], path: FilePath) -> None:
+def columns(samples: Samples, joint_names: tuple[str, ...]) -> tuple[list[str], Array]:
+    """Return the heads and the rows of a table of samples: t, s, sd, sdd, q_<joint>, qd_<joint>, qdd_<joint>."""
     scalars = np.stack([samples.t, samples.s, samples.sd, samples.sdd], axis=1)
     rows = np.hstack([scalars, samples.q, samples.qd, samples.qdd])
-    header = ["t", "s", "sd", "sdd", *(f"{quantity}_{name}" for quantity in ("q", "qd", "qdd") for name in joint_names)]
+    heads = ["t", "s", "sd", "sdd", *(f"{quantity}_{name}" for quantity in ("q", "qd", "qdd") for name in joint_names)]
+    return heads, rows + 0.0  # -0.0 + 0.0 is 0.0
+
+
+def _write_csv(samples: Samples, joint_names: tuple[str, ...], path: FilePath) -> None:
+    heads, rows = columns(samples, joint_names)
     with open(path, "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(header)
-        writer.writerows((rows + 0.0).tolist())  # -0.0 + 0.0 is 0.0
+        writer.writerow(heads)
+        writer.writerows(rows.tolist())
 
 
 def _require_positive(name: str, value: float) -> None:

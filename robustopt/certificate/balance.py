@@ -1,0 +1,228 @@
+"""Balance of a contact system: the gauge of the rows that it requires, with prescribed pressure where that counts.
+
+Where one hold alone has a block, its effort is known, and the gauge is the larger one of those of the free cone and of
+the twist. Where several share, the program may choose any sharing that keeps each of them within its twist. Cuts are
+added to it until it does: after each solution the rate of motion that is worst for each hold.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from robustopt.arrays import Array, Flags
+from robustopt.certificate.bodies import Parameters
+from robustopt.certificate.contact_points import Contacts, even_pressure, simply_held
+from robustopt.certificate.force_closure import GAP, Gauge, gauge, seen_from
+from robustopt.certificate.loads import Functional, Load, body_loads
+from robustopt.certificate.motion import Motion
+from robustopt.certificate.systems import System
+from robustopt.certificate.twist import Hold, spread_evenly, twist_gauge
+from robustopt.certificate.world import World
+
+MOST_CUTS = 16
+"""Rounds of cuts; five are usual."""
+
+CUT_GAP = 1e-6
+"""Share by which a hold in a sharing may exceed its twist: as much as a certificate forgives."""
+
+LOADED = 1e-3
+"""A hold with less than this share of all normal forces counts as having this share when its twist is looked at."""
+
+
+# Required rows --------------------------------------------------------------------------------------------
+
+
+def required(world: World, system: System, motion: Motion, loads: Sequence[Load], values: Parameters) -> Load:
+    """Return parts `rest` and `move` of the rows that a system requires, (rows, ...) each.
+
+    The forces of vacuums and driven fingers are part of `rest`. The floating base has a unit force through the centre
+    of its contacts for `rest`, which they can always exert: it need not balance without motion.
+
+    Args:
+        world: the bodies.
+        system: the system.
+        motion: at the instants of the loads.
+        loads: of all bodies, see `body_loads`.
+        values: the values that they were made with.
+    """
+    if system.at is not None:
+        wrench = required_by_base(world, motion, loads, values.error)
+        move = np.tensordot(system.loads[0].matrix, wrench, axes=1)
+        rest = np.zeros_like(move)
+        rest[2] = 1.0
+        return rest, move - rest
+    rest, move = (
+        _total([np.tensordot(own.matrix, _total([loads[b][part] for b in own.bodies]), axes=1) for own in system.loads])
+        for part in (0, 1)
+    )
+    if np.any(system.pull):
+        rest = rest + np.tensordot(system.pull, values.force, axes=1)
+    return rest, move
+
+
+def required_by_base(world: World, motion: Motion, loads: Sequence[Load], error: Array) -> Array:
+    """Return the wrench (6, ...) that contacts must exert on the floating base, about the world's origin [N, N m]."""
+    wrench = motion.base_force
+    for joint, value in enumerate(error):
+        if np.any(value):
+            wrench = wrench + motion.base_inertia[:, joint] * (value * motion.free)
+    for body, (rest, move) in zip(world.bodies, loads, strict=True):
+        if body.payload:
+            wrench = wrench + np.einsum("ij...,j...->i...", motion.frames[body.frame].to_base, rest + move)
+    return wrench
+
+
+def _total(wrenches: Sequence[Array]) -> Array:
+    total = wrenches[0]
+    for wrench in wrenches[1:]:
+        total = total + wrench
+    return total
+
+
+def goals(
+    world: World, system: System, motion: Motion, y: Array, weight: Array
+) -> tuple[list[Functional], Array | float]:
+    """Return y (rest weight + move), for rows y (rows, T), as functionals of the bodies' wrenches.
+
+    Returns:
+        one functional per body, and its gain per acceleration error besides theirs, (n, T).
+    """
+    if system.at is None:
+        found = [(b, own.matrix.T @ y) for own in system.loads for b in own.bodies]
+        return [Functional(b, pull[:3], pull[3:], weight) for b, pull in found], 0.0
+    pull = system.loads[0].matrix.T @ y
+    result = []
+    for b, body in enumerate(world.bodies):
+        if body.payload:
+            own = np.einsum("ijt,it->jt", motion.frames[body.frame].to_base, pull)
+            result.append(Functional(b, own[:3], own[3:]))
+    return result, np.einsum("int,it->nt", motion.base_inertia, pull)
+
+
+# Gauge ----------------------------------------------------------------------------------------------------
+
+
+def balance(
+    world: World, system: System, motion: Motion, values: Parameters, gap: float, enough: Array | float = 0.0
+) -> Gauge:
+    """Return the gauge of a system at T instants with T sets of values.
+
+    Args:
+        world, system: the bodies and the system.
+        motion: at the instants.
+        values: T sets of values.
+        gap: accuracy.
+        enough: (T,) any gauge up to this one will do.
+    """
+    rest, move = required(world, system, motion, body_loads(world, motion, values), values)
+    contacts = system.contact_points(values.friction, values.shift)
+    certain = np.ones(rest.shape[-1], dtype=bool) if system.at is not None else None
+    return gauge_of(system, contacts, rest, move, enough, gap, certain)
+
+
+def gauge_of(
+    system: System,
+    contacts: Contacts,
+    rest: Array,
+    move: Array,
+    enough: Array | float = 0.0,
+    gap: float = GAP,
+    held: Flags | None = None,
+) -> Gauge:
+    """Return the gauge of rest + move, seen from an even pressure if `rest` is not held.
+
+    Args:
+        system: the system.
+        contacts: its contact points for T sets of values.
+        rest, move: (rows, T).
+        enough: (T,) any gauge up to this one will do.
+        gap: accuracy.
+        held: (T,) whether `rest` is held, if that is known.
+    """
+    holds = [system.hold(own, contacts) for own in system.holds]
+    held = _held_at(system, contacts, holds, rest) if held is None else held
+    rest, move = seen_from(contacts, held, rest, move)
+    if holds:
+        return (_known if system.known else _shared)(contacts, holds, rest, move, enough, gap)
+    return gauge(contacts, rest, move, enough, gap)
+
+
+def _held_at(system: System, contacts: Contacts, holds: Sequence[Hold], rest: Array) -> Flags:
+    """Return whether forces balance `rest` (rows, T), with prescribed pressure where that counts."""
+    held = certainly_held(system, contacts, rest)
+    doubtful = np.flatnonzero(~held)
+    if len(doubtful):
+        own, rows = contacts[doubtful], rest[:, doubtful]
+        even, certain = even_pressure(own, len(doubtful)), np.ones(len(doubtful), dtype=bool)
+        held[doubtful] = gauge_of(system, own, even, rows - even, 1.0, held=certain).value <= 1.0 + GAP
+    return held
+
+
+def certainly_held(system: System, contacts: Contacts, rows: Array) -> Flags:
+    """Return whether simple forces balance rows (rows, T), and friction their twist: sufficient, not necessary."""
+    held = simply_held(contacts, rows)
+    for own in system.holds:
+        hold = system.hold(own, contacts)
+        held &= spread_evenly(hold, hold.effort(contacts, rows))
+    return held
+
+
+def _known(
+    contacts: Contacts, holds: Sequence[Hold], rest: Array, move: Array, enough: Array | float, gap: float
+) -> Gauge:
+    """Return the gauge of a block that one hold with prescribed pressure has.
+
+    Where simple forces show that the free gauge is good enough, that of the twist stands for both.
+    """
+    hold, doubtful = holds[0], np.flatnonzero(~simply_held(contacts, enough * rest + move))
+    at_rest, moved = hold.effort(contacts, rest), hold.effort(contacts, move)
+    value, rates = twist_gauge(hold, at_rest, moved, enough)
+    y = hold.rows(contacts, hold.cut(rates, hold.strength(at_rest + moved)))
+    lower, force = value.copy(), np.zeros((3, contacts.mu.shape[0], len(value)))
+    if len(doubtful):
+        least = np.broadcast_to(np.asarray(enough), value.shape)[doubtful]
+        free = gauge(contacts[doubtful], rest[:, doubtful], move[:, doubtful], least, gap)
+        y[:, doubtful] = np.where(value[doubtful] > free.value, y[:, doubtful], free.y)
+        value[doubtful] = np.maximum(value[doubtful], free.value)
+        lower[doubtful] = np.maximum(lower[doubtful], free.lower)
+    return Gauge(value, lower, y, force)
+
+
+def _shared(
+    contacts: Contacts, holds: Sequence[Hold], rest: Array, move: Array, enough: Array | float, gap: float
+) -> Gauge:
+    """Return the gauge of blocks that share holds with prescribed pressure, each of which must keep its twist."""
+    count = rest.shape[-1]
+    enough = np.broadcast_to(np.asarray(enough, dtype=float), (count,))
+    result = gauge(contacts, rest, move, enough, gap)
+    index, cuts = np.arange(count), np.zeros((0, *result.force.shape))
+    for _ in range(MOST_CUTS):
+        own, force = contacts[index], result.force[..., index]
+        found = [_worst_cut(own, hold[index], force) for hold in holds]
+        exceeds = np.any([excess > CUT_GAP for excess, _ in found], axis=0) & np.isfinite(result.value[index])
+        if not exceeds.any():
+            break
+        kept = np.flatnonzero(exceeds)
+        cuts = np.concatenate([cuts, np.stack([cut for _, cut in found])])[..., kept]
+        index = index[kept]
+        again = gauge(replace(contacts[index], cuts=cuts), rest[:, index], move[:, index], enough[index], gap)
+        result.value[index], result.lower[index] = again.value, again.lower
+        result.y[:, index], result.force[..., index] = again.y, again.force
+    return result
+
+
+def _worst_cut(contacts: Contacts, hold: Hold, force: Array) -> tuple[Array, Array]:
+    """Return by how much of its limit forces (3, n, T) exceed the twist of a hold, (T,), and the cut (3, n, T)."""
+    effort = hold.of_forces(contacts, force)
+    least = LOADED * force[0].sum(axis=0)
+    total = np.maximum(sum(force[0, face.part].sum(axis=0) for face in hold.faces), least)
+    even = np.zeros_like(force)
+    for face in hold.faces:
+        even[0, face.part] = total / hold.mu.shape[0]
+    pressed = hold.of_forces(contacts, even)
+    value, rates = twist_gauge(hold, pressed, effort - pressed)
+    cut = hold.cut(rates, hold.strength(effort))
+    return value - 1.0, hold.per_force(contacts, cut / np.linalg.norm(cut, axis=0))

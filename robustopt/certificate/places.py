@@ -1,0 +1,30 @@
+"""Environment contacts rest in their places: feet on the floor, a hand on its rail."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from robustopt.certificate.motion import Instants, stances
+from robustopt.certificate.names import IN_PLACE
+from robustopt.certificate.tally import Found, Tally
+from robustopt.solvers import Plan
+
+DRIFT = 1e-4
+"""How far a point of a standing foot may be from its place on the path [m]: a tenth of the accuracy of a robot."""
+
+
+def check_places(plan: Plan, at: Instants, tally: Tally) -> None:
+    """Look at the distance of all contact points from the places where the path has them."""
+    robot, path = plan.problem.robot, plan.problem.path
+    if not path.stances:
+        return
+    found = robot.contact_points(path.evaluate(at.node_s, at.node_piece)[at.node])
+    stance, drift = stances(plan, at), np.zeros(len(at.s))
+    for k, own in enumerate(path.stances):
+        here = stance == k
+        for name, place in own.places.items():
+            away = np.linalg.norm(found[name][here] - place.world(robot.contacts[name].points), axis=2)
+            drift[here] = np.maximum(drift[here], away.max(axis=1, initial=0.0))
+    for t in tally.peaks(drift):
+        tally.add(IN_PLACE, Found(float(drift[t]) / DRIFT, t, IN_PLACE, {}))
+    tally.tests += len(drift)

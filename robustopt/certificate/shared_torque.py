@@ -1,0 +1,113 @@
+"""Joint torques on several environment contacts: those of the sharing that uses the limits of the joints least."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import linprog
+
+from robustopt.arrays import Array, Indices
+from robustopt.certificate import names
+from robustopt.certificate.balance import required_by_base
+from robustopt.certificate.bodies import Parameters
+from robustopt.certificate.contact_points import Contacts
+from robustopt.certificate.joints import torques
+from robustopt.certificate.loads import body_loads
+from robustopt.certificate.motion import Joints, Motion
+from robustopt.certificate.systems import System
+from robustopt.certificate.tally import Found, Tally
+from robustopt.certificate.world import World
+from robustopt.errors import SolverFailed
+
+EDGES = 32
+"""Edges of the friction cones in the programs for the torques: inside the exact cones."""
+
+
+def check_shared_torque(
+    world: World,
+    system: System,
+    motion: Motion,
+    joints: Joints,
+    limits: Array,
+    worst: tuple[Indices, Parameters],
+    most: int,
+    tally: Tally,
+) -> None:
+    """Look at the torques of the floating base's joints in a stance on several contacts.
+
+    The contact points are displaced towards the middle of theirs: the hull of any others contains these.
+
+    Args:
+        world, system: the bodies and the system of the stance.
+        motion, joints: at its instants.
+        limits: (m,) of the torques.
+        worst: some of its instants and the values that the contacts like least there, see `check_contacts`.
+        most: number of instants that are looked at.
+        tally: told the worst.
+    """
+    assert system.at is not None
+    searched, values = worst
+    kept = np.unique(np.linspace(0, len(searched) - 1, min(most, len(searched))).astype(int))
+    chosen = searched[kept]
+    values = replace(values.at(kept), shift=np.repeat(_inward(world)[..., None], len(kept), axis=2))
+    motion, joints = motion.at(chosen), joints.at(chosen)
+    loads = body_loads(world, motion, values)
+    torque = torques(world, joints, motion.free, loads, values.error)
+    rows = system.loads[0].matrix @ required_by_base(world, motion, loads, values.error)
+    contacts = system.contact_points(values.friction, values.shift)
+    utilisation = np.empty_like(torque)
+    for t in range(len(chosen)):
+        generators, pull = _generators(world, system, contacts[np.array([t])], joints.at(np.array([t])))
+        pull = pull / limits[:, None]
+        share = _sharing(generators, pull, rows[:, t], torque[:, t] / limits)
+        utilisation[:, t] = np.abs(torque[:, t] / limits - pull @ share)
+    at = system.at[chosen]
+    for j, joint in enumerate(world.joints[world.base :]):
+        name = names.joint_limit(joint, "torque")
+        for t in tally.peaks(utilisation[j], at):
+            words = world.describe(values.at(t), None)
+            tally.add(name, Found(float(utilisation[j, t]), int(at[t]), name, words))
+    tally.tests += utilisation.size
+
+
+def _inward(world: World) -> Array:
+    """Return the displacements (2, Q) of all contact points towards the middle of their contacts."""
+    away = [contact.patch.polygon - contact.patch.polygon.mean(axis=0) for contact in world.contacts]
+    return np.asarray(-np.sign(np.concatenate(away).T) * world.upper.shift)
+
+
+def _generators(world: World, system: System, contacts: Contacts, joints: Joints) -> tuple[Array, Array]:
+    """Return the rows (6, g) of the edges of all friction cones, and the joint torques (m, g) that they take over."""
+    angle = 2.0 * np.pi * np.arange(EDGES) / EDGES
+    edges = np.stack([np.ones(EDGES), np.cos(angle), np.sin(angle)])
+    rows, pulls = [], []
+    for index, face in zip(system.contacts, system.faces, strict=True):
+        forces = np.repeat(edges[:, :, None], face.last - face.first, axis=2)[..., None]
+        own = contacts.wrenches(face, forces).reshape(6, -1)
+        rows.append(own)
+        pull = joints.pulls[world.contacts[index].patch.name][:, :, 0]
+        pulls.append(pull @ np.linalg.solve(system.loads[0].matrix, own))
+    return np.hstack(rows), np.hstack(pulls)
+
+
+def _sharing(generators: Array, pull: Array, rows: Array, torque: Array) -> Array:
+    """Return the forces along the generators (g,) that make the rows (6,) and use the joints least.
+
+    Args:
+        generators: (6, g) rows of the generators.
+        pull: (m, g) torques that they take over, as shares of the limits.
+        rows: (6,) that the base requires.
+        torque: (m,) without contacts, as shares of the limits.
+    """
+    count, one = generators.shape[1], np.ones((len(torque), 1))
+    lacking = generators.mean(axis=1)
+    wrench = np.column_stack([generators, -lacking, np.zeros(6)])
+    share = np.hstack([pull, np.zeros((len(torque), 1))])
+    answer = linprog(
+        np.r_[np.zeros(count), 1e3, 1.0], A_ub=np.vstack([np.hstack([-share, -one]), np.hstack([share, -one])]),
+        b_ub=np.r_[-torque, torque], A_eq=wrench, b_eq=rows, bounds=(0.0, None), method="highs",
+    )  # fmt: skip
+    if answer.x is None:
+        raise SolverFailed(f"the torques on several contacts could not be found: {answer.message}")
+    return np.asarray(answer.x[:count])

@@ -1,0 +1,269 @@
+"""Contact systems: held bodies and contacts whose forces must be found together.
+
+The held bodies are the objects and, with environment contacts, the floating base. An object whose wrench reaches the
+carrier through one support or one hold is a system by itself, with all that it carries as part of it. A bridge, its
+supports and all that shares them are one system, as are the cups of one part. The base is a system in every stance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from robustopt.arrays import Array, Indices
+from robustopt.certificate.contact_points import Contacts, Face, inner_direction
+from robustopt.certificate.twist import Hold, lip_pressure, pad_pressure
+from robustopt.geometry import contact_axes, rotation
+from robustopt.scene.patches import Law, Patch
+
+FLAT = 1e-12
+"""Coordinates of contact points below this are rounding errors, in units of the system's length."""
+
+
+@dataclass(frozen=True, eq=False)
+class Load:
+    """Bodies whose wrenches, about the origin of their frame, enter a system by a matrix (rows, 6)."""
+
+    bodies: tuple[int, ...]
+    matrix: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Pressure:
+    """A hold with prescribed pressure: a lip, or the two pads of a gripper, the driven one first.
+
+    faces: indices of its faces; centre: (3,), system units; axes: (3, 3) as columns, the driven normal last
+    """
+
+    faces: tuple[int, ...]
+    centre: Array
+    axes: Array
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """Held bodies whose contact forces must be found together.
+
+    Rows are those of `contact_points`: wrenches of the blocks in the axes of the system about its reference, in units
+    of its length and force, then closing forces.
+
+    name: of the limit
+    contacts: indices of its contacts, one per face
+    faces: of its contact points
+    friction, points: indices of the contact and of the displacement of each of its points, (n,)
+    point: (3, n) contact points without displacement; turn: (3, 2, n) their change per displacement
+    loads: what its bodies require
+    pull: (rows, I) required rows per vacuum or closing force
+    inside: (rows,) see `contact_points.inner_direction`
+    holds: its holds with prescribed pressure
+    at: indices of the instants at which the floating base is its block, None if it is not
+    polygon: factor of friction, see `twist.Hold`
+    """
+
+    name: str
+    contacts: tuple[int, ...]
+    faces: tuple[Face, ...]
+    friction: Indices
+    points: Indices
+    point: Array
+    turn: Array
+    loads: tuple[Load, ...]
+    pull: Array
+    inside: Array
+    holds: tuple[Pressure, ...]
+    at: Indices | None
+    polygon: float
+
+    @property
+    def simple(self) -> bool:
+        """Return whether a single face holds a single block, for which there is a quick test."""
+        return len(self.faces) == 1 and self.faces[0].closing < 0
+
+    @property
+    def known(self) -> bool:
+        """Return whether a single hold or support holds a single block, so that its wrench is known."""
+        return len(self.faces) == 1 or (len(self.faces) == 2 and self.faces[0].closing >= 0)
+
+    def contact_points(self, friction: Array, shift: Array) -> Contacts:
+        """Return the contacts for T values of the friction (I, T) and of displacements (2, Q, T) [m]."""
+        point, own = self.point[..., None], shift[:, self.points]
+        if np.any(own):
+            point = point + np.einsum("ijq,jqt->iqt", self.turn, own)
+        return Contacts(self.faces, point, friction[self.friction], self.inside)
+
+    def hold(self, own: Pressure, contacts: Contacts) -> Hold:
+        """Return one of its holds for the values of its contacts."""
+        chosen = tuple(self.faces[k] for k in own.faces)
+        points = slice(chosen[0].first, chosen[-1].last)
+        away = contacts.point[:, points] - own.centre.reshape(3, *[1] * (contacts.point.ndim - 1))
+        plane = np.einsum("ij,i...->j...", own.axes[:, :2], away)
+        lip = chosen[0].closing < 0
+        pressure = lip_pressure(plane) if lip else pad_pressure(*(face.last - face.first for face in chosen))
+        return Hold(chosen, plane, contacts.mu[points], pressure, wrench_map(own.axes, own.centre), self.polygon)
+
+
+def wrench_map(axes: Array, reference: Array, force: float = 1.0, length: float = 1.0) -> Array:
+    """Return the matrix (6, 6) that takes a wrench to other axes, another reference and units.
+
+    Args:
+        axes: (3, 3) the new axes as columns.
+        reference: (3,) the new reference.
+        force, length: the new units.
+    """
+    x, y, z = reference
+    arm = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    out = np.zeros((6, 6))
+    out[:3, :3], out[3:, :3], out[3:, 3:] = axes.T / force, -axes.T @ arm / (force * length), axes.T / (force * length)
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """A patch in a system.
+
+    contact: index of its contact; first: index of its first displacement; above, below: blocks, -1 for the ground
+    friction: largest coefficient of friction
+    """
+
+    patch: Patch
+    contact: int
+    first: int
+    above: int
+    below: int
+    friction: float
+
+
+@dataclass(frozen=True, eq=False)
+class Scale:
+    """Axes (3, 3), as columns, and reference (3,) of a system in the frame of its bodies, and its units."""
+
+    axes: Array
+    reference: Array
+    force: float
+    length: float
+
+    @property
+    def unit(self) -> Array:
+        """Return the matrix (6, 6) that takes a wrench about the origin of the frame to the system."""
+        return wrench_map(self.axes, self.reference, self.force, self.length)
+
+    def place(self, position: Array) -> Array:
+        """Return a position (..., 3) in the system."""
+        return np.asarray((position - self.reference) @ self.axes / self.length)
+
+    def points(self, patch: Patch) -> tuple[Array, Array]:
+        """Return the contact points (3, k) of a patch and their change per displacement (3, 2, k)."""
+        turn = self.axes.T @ patch.axes[:, :2] @ rotation(patch.turn) / self.length
+        point = self.place(patch.points).T
+        for values in (point, turn):
+            values[np.abs(values) < FLAT] = 0.0
+        return point, np.repeat(turn[:, :, None], point.shape[1], axis=2)
+
+    def axes_of(self, patch: Patch) -> Array | None:
+        """Return the axes of a patch in the system, None if its normal is the z axis."""
+        turned = self.axes.T @ patch.axes
+        return None if np.allclose(turned[:, 2], [0.0, 0.0, 1.0], rtol=0.0, atol=FLAT) else turned
+
+
+def scale_of(placed: Sequence[Placed], force: float, sole: float | None = None) -> Scale:
+    """Return the scale of a system.
+
+    Its z axis is the normal of its patches, if they agree, else along all forces that they can exert.
+
+    Args:
+        placed: its patches.
+        force: unit of force [N].
+        sole: unit of length [m], with which the reference is the centre of all patches; without it the contact points
+            reach from -1 to 1.
+    """
+    free = [item for item in placed if item.patch.law is not Law.DRIVEN_PAD]
+    normals = [item.patch.axes[:, 2] for item in free]
+    axes = free[0].patch.axes
+    if any(not np.array_equal(normal, normals[0]) for normal in normals):
+        faces = [Face(0, 0, 0, -1, item.patch.axes) for item in free]
+        along = inner_direction(faces, [item.friction for item in free])[:3]
+        axes = contact_axes(along, np.eye(3)[int(np.argmin(np.abs(along)))])
+    if sole is not None:
+        return Scale(axes, np.mean([item.patch.origin for item in placed], axis=0), force, sole)
+    corners = np.concatenate([item.patch.points for item in placed]) @ axes
+    middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+    return Scale(axes, axes @ middle, force, float(np.abs(corners - middle).max()))
+
+
+def make_system(
+    name: str,
+    placed: Sequence[Placed],
+    blocks: Sequence[tuple[int, ...]],
+    fingers: Mapping[int, int],
+    scale: Scale,
+    contacts: int,
+    polygon: float,
+    at: Indices | None = None,
+) -> System:
+    """Return a system.
+
+    Args:
+        name: of the limit.
+        placed: its patches.
+        blocks: indices of the bodies of each block.
+        fingers: index of the body of the driven finger by contact, if it has a mass.
+        scale: its axes and units.
+        contacts: number of all contacts.
+        polygon: factor of friction, see `twist.Hold`.
+        at: instants at which the floating base is its block, None if it is not.
+    """
+    faces = _faces(placed, scale)
+    rows = 6 * len(blocks) + sum(face.closing >= 0 for face in faces)
+    loads, pull = [], np.zeros((rows, contacts))
+    for k, bodies in enumerate(blocks):
+        loads.append(Load(bodies, np.zeros((rows, 6))))
+        loads[k].matrix[6 * k : 6 * k + 6] = scale.unit
+    for item, face in zip(placed, faces, strict=True):
+        normal, closing = item.patch.axes[:, 2], 6 * len(blocks) + face.closing
+        if item.patch.law is Law.SUCTION:
+            wrench = np.concatenate([normal, np.cross(item.patch.origin, normal)])
+            pull[6 * item.above : 6 * item.above + 6, item.contact] = scale.unit @ wrench
+        elif item.patch.law is Law.DRIVEN_PAD:
+            pull[closing, item.contact] = 1.0 / scale.force
+            if item.contact in fingers:
+                loads.append(Load((fingers[item.contact],), np.zeros((rows, 6))))
+                loads[-1].matrix[closing, :3] = -normal / scale.force
+    point, turn = zip(*(scale.points(item.patch) for item in placed), strict=True)
+    sizes = [len(item.patch.polygon) for item in placed]
+    return System(
+        name=name,
+        contacts=tuple(item.contact for item in placed),
+        faces=faces,
+        friction=np.repeat([item.contact for item in placed], sizes),
+        points=np.concatenate([item.first + np.arange(size) for item, size in zip(placed, sizes, strict=True)]),
+        point=np.concatenate(point, axis=1),
+        turn=np.concatenate(turn, axis=2),
+        loads=tuple(loads),
+        pull=pull,
+        inside=inner_direction(faces, [item.friction for item in placed]),
+        holds=tuple(_holds(placed, scale)),
+        at=at,
+        polygon=polygon,
+    )
+
+
+def _faces(placed: Sequence[Placed], scale: Scale) -> tuple[Face, ...]:
+    faces, first, closing = [], 0, 0
+    for item in placed:
+        last, driven = first + len(item.patch.polygon), item.patch.law is Law.DRIVEN_PAD
+        faces.append(Face(first, last, item.above, item.below, scale.axes_of(item.patch), closing if driven else -1))
+        first, closing = last, closing + driven
+    return tuple(faces)
+
+
+def _holds(placed: Sequence[Placed], scale: Scale) -> Iterator[Pressure]:
+    """Yield the holds with prescribed pressure; a fixed pad comes behind the driven one."""
+    for k, item in enumerate(placed):
+        patch = item.patch
+        if not patch.fixed or patch.law is Law.FIXED_PAD:
+            continue
+        pads = (k, k + 1) if patch.law is Law.DRIVEN_PAD else (k,)
+        centre = np.mean([scale.place(placed[j].patch.origin) for j in pads], axis=0)
+        yield Pressure(pads, centre, scale.axes.T @ patch.axes)

@@ -1,0 +1,140 @@
+"""All figures of a plan, of trials and of a learning run, drawn and written."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from robustopt.certificate import Certificate, interface_utilisation
+from robustopt.config import Config
+from robustopt.plotting.contact_forces import footprints_figure, forces_figure
+from robustopt.plotting.executions import accelerations_figure, contact_trials_figure, trials_figure
+from robustopt.plotting.joints import joint_figures
+from robustopt.plotting.learning import learning_figure
+from robustopt.plotting.phase_plane import phase_plane
+from robustopt.plotting.shares import shares_figure
+from robustopt.plotting.style import house_style, save
+from robustopt.plotting.utilisation import Utilisation, contacts_figure, environment_utilisation
+from robustopt.robot import Robot
+from robustopt.runs.records import Iteration
+from robustopt.simulation.trace import Trace
+from robustopt.solvers.contact_forces import planned_forces
+from robustopt.solvers.plan import Plan
+from robustopt.solvers.trajectory import binding_shares
+
+
+def write_figures(plan: Plan, config: Config, folder: Path, certificate: Certificate | None = None) -> list[Path]:
+    """Write every figure of a plan as SVG and PNG.
+
+    The files depend on the arguments alone: the same plan gives the same bytes.
+
+    Args:
+        plan: A plan; an empty one has only its phase plane.
+        config: The configuration of the plan.
+        folder: Where to write; it is made if it is missing.
+        certificate: The certificate of the plan; the figure of the contacts then names their worst utilisation.
+
+    Returns:
+        The files.
+    """
+    with house_style():
+        return _write(figures(plan, config, certificate), folder)
+
+
+def write_execution_figures(config: Config, traces: Sequence[Trace], robot: Robot, folder: Path) -> list[Path]:
+    """Write the figures of trials as SVG and PNG.
+
+    Args:
+        config: The configuration that was executed.
+        traces: One trial, or several to be shown side by side; the accelerations of the first are drawn.
+        robot: The robot that executed the plan.
+        folder: Where to write; it is made if it is missing.
+
+    Returns:
+        The files.
+    """
+    with house_style():
+        drawn = {
+            "trials": trials_figure(traces, robot, config.name),
+            "accelerations": accelerations_figure(traces[0], robot, config.name),
+        }
+        if traces[0].contacts:
+            drawn["foot_contacts"] = contact_trials_figure(traces, config.name)
+        return _write(drawn, folder)
+
+
+def write_learning_figure(records: Sequence[Iteration], target_rate: float, title: str, folder: Path) -> list[Path]:
+    """Write the figure of a learning run as SVG and PNG.
+
+    Args:
+        records: The plans in order, as in the summary of a run.
+        target_rate: The success rate in question, in [0, 1].
+        title: The title of the figure.
+        folder: Where to write; it is made if it is missing.
+
+    Returns:
+        The files.
+    """
+    with house_style():
+        return _write({"learning": learning_figure(records, target_rate, title)}, folder)
+
+
+def figures(plan: Plan, config: Config, certificate: Certificate | None = None) -> dict[str, Figure]:
+    """Draw every figure of a plan; call this within `house_style`.
+
+    Args:
+        plan: A plan; an empty one has only its phase plane.
+        config: The configuration of the plan.
+        certificate: The certificate of the plan; the figure of the contacts then names their worst utilisation.
+
+    Returns:
+        The figures by file name without suffix.
+    """
+    if plan.x.size == 0:
+        return {"phase_plane": phase_plane(plan, f"{config.name}: no timing found")}
+    title = f"{config.name}: {plan.duration:.3f} s"
+    joints = joint_figures(plan, title)
+    numbers = [""] if len(joints) == 1 else [f"_{k + 1}" for k in range(len(joints))]
+    return {
+        "phase_plane": phase_plane(plan, title),
+        **{f"joints{number}": figure for number, figure in zip(numbers, joints, strict=True)},
+        **_contact_figures(plan, config, title, certificate),
+        "binding": shares_figure(binding_shares(plan), title),
+    }
+
+
+def _contact_figures(plan: Plan, config: Config, title: str, certificate: Certificate | None) -> dict[str, Figure]:
+    """Draw the figures of the contacts that the plan has: with the environment, and between objects."""
+    drawn: dict[str, Figure] = {}
+    utilisation: dict[str, Utilisation] = {}
+    notes = []
+    if plan.problem.robot.contacts:
+        forces = planned_forces(plan)
+        drawn = {"feet": forces_figure(plan, forces, title), "footprints": footprints_figure(plan, forces, title)}
+        utilisation |= environment_utilisation(plan.problem.limits.uncertainty.worst_friction, forces)
+        notes.append("planned forces at the least friction")
+    if config.objects:
+        times, used = interface_utilisation(config, plan)
+        utilisation |= {_without_prefix(name): Utilisation(times, *pair) for name, pair in used.items()}
+        notes.append("objects at the nominal values")
+    if utilisation:
+        worst = {} if certificate is None else _worst_utilisation(certificate)
+        drawn["contacts"] = contacts_figure(utilisation, ", ".join([title, *notes]), worst)
+    return drawn
+
+
+def _worst_utilisation(certificate: Certificate) -> dict[str, float]:
+    """Return the largest utilisation of every limit, a contact under its own name."""
+    worst = {limit: 1.0 - min(margin.on_grid, margin.between) for limit, margin in certificate.margins.items()}
+    return {_without_prefix(limit): value for limit, value in worst.items()}
+
+
+def _without_prefix(limit: str) -> str:
+    return limit.removeprefix("contact of ")
+
+
+def _write(drawn: Mapping[str, Figure], folder: Path) -> list[Path]:
+    folder.mkdir(parents=True, exist_ok=True)
+    return [path for name, figure in drawn.items() for path in save(figure, folder, name)]

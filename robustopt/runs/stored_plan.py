@@ -1,0 +1,83 @@
+"""Reads the plan of a run folder back, number for number."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+
+from robustopt.arrays import Array
+from robustopt.config import Config
+from robustopt.errors import RunFolderError, SolverFailed
+from robustopt.limits import build_problem
+from robustopt.solvers import Plan
+from robustopt.solvers.plan import solved_plan
+from robustopt.solvers.trajectory import Trajectory
+
+SAME_PATH = 1e-9
+"""Joint positions of a stored plan and of its rebuilt path differ by rounding alone, if at all [rad or m]."""
+
+SAME_TIME = 1e-9
+"""Times of a stored plan and of its speeds differ by rounding alone, if at all: share of the duration."""
+
+
+def read_plan(config: Config, path: Path) -> Plan:
+    """Return the plan of a configuration from a file that `Plan.export` wrote.
+
+    The file holds sd, and x = sd^2; a square root gives back sd exactly.
+
+    Args:
+        config: the plan was made from it.
+        path: of the file `plan.csv`.
+
+    Raises:
+        RunFolderError: the file is no plan of the configuration.
+    """
+    problem = build_problem(config)
+    head, numbers = _read(path)
+    _require_joints(path, head, problem.robot.joint_names)
+    s, sd, q = numbers[:, 1], numbers[:, 2], numbers[:, 4 : 4 + problem.robot.n]
+    same_grid = len(s) == len(problem.s) and np.array_equal(s, problem.s)
+    if not same_grid or np.abs(problem.path.evaluate(s, problem.piece) - q).max() > SAME_PATH:
+        raise _changed(path, "not on the path of the configuration beside it")
+    plan = solved_plan(problem, sd**2, "stored", {})
+    if (sd < 0).any() or not _same_times(plan, numbers[:, 0]):
+        raise _changed(path, "its times are not those of its speeds sd")
+    return plan
+
+
+def _read(path: Path) -> tuple[list[str], Array]:
+    """Return the head and the numbers of a file."""
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            head, *lines = csv.reader(file)
+        short = next((i for i, line in enumerate(lines, 2) if len(line) != len(head)), None)
+        if short is not None:
+            raise _changed(path, f"line {short} is cut short, or has been changed")
+        numbers = np.array(lines, dtype=float).reshape(-1, len(head))
+    except (OSError, ValueError) as error:
+        raise RunFolderError(f"{path}: cannot be read as a plan: {error}") from None
+    if not np.isfinite(numbers).all():
+        row = int(np.flatnonzero(~np.isfinite(numbers).all(axis=1))[0])
+        raise _changed(path, f"line {row + 2} has a number that is not finite")
+    return head, numbers
+
+
+def _require_joints(path: Path, head: list[str], names: tuple[str, ...]) -> None:
+    expected = ["t", "s", "sd", "sdd", *(f"{kind}_{name}" for kind in ("q", "qd", "qdd") for name in names)]
+    if head != expected:
+        theirs = ", ".join(column.removeprefix("q_") for column in head if column.startswith("q_"))
+        raise RunFolderError(f"{path}: a plan of the joints {theirs}; expected one of {', '.join(names)}")
+
+
+def _same_times(plan: Plan, times: Array) -> bool:
+    try:
+        expected = Trajectory.from_plan(plan).times
+    except SolverFailed:  # it never ends
+        return False
+    return bool(np.abs(expected - times).max() <= SAME_TIME * expected[-1])
+
+
+def _changed(path: Path, found: str) -> RunFolderError:
+    return RunFolderError(f"{path}: {found}; expected the plan as it was written")

@@ -1,0 +1,145 @@
+"""Parameters of the simulated world: friction, masses, holding forces and contact geometry.
+
+The nominal parameters are the plan's. The actual ones are those of `execution.truth`, nominal if it gives none. Values
+that vary are sampled anew for each trial, from the generator of that trial.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from robustopt.arrays import Array
+from robustopt.config import Config, ObjectConfig, TrayConfig, TruthConfig, VariationConfig
+from robustopt.config.per_name import value_of
+from robustopt.errors import ConfigError
+from robustopt.limits.bodies import INERTIA_TERMS, inertia_matrix
+from robustopt.robot import Robot
+
+Sampler = Callable[[float, float, bool], float]
+"""Samples about a value with a deviation; the last argument says whether the result must be above 0."""
+
+
+@dataclass(frozen=True)
+class BodyParameters:
+    """Inertial parameters of the tray, an object or a body of the robot.
+
+    mass [kg]; center_of_mass: frame of the body (3,) [m]; inertia: about it, axes of the body (3, 3) [kg m^2]
+    """
+
+    mass: float
+    center_of_mass: Array
+    inertia: Array
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """Parameters of one world.
+
+    friction: coefficient by contact; bodies: inertial parameters of the tray (`tray`), the objects, and the robot's
+    bodies that `execution.truth` names; force: of each cup or of the gripper by held object [N]; inset: distance by
+    which a base, sole, palm, lip or pad is smaller than planned on every side, by name [m]
+    """
+
+    friction: Mapping[str, float]
+    bodies: Mapping[str, BodyParameters]
+    force: Mapping[str, float] = field(default_factory=dict)
+    inset: Mapping[str, float] = field(default_factory=dict)
+
+
+def truth_of(config: Config) -> TruthConfig:
+    """Return `execution.truth` of a configuration."""
+    return config.execution.truth if config.execution is not None else TruthConfig()
+
+
+def varies(truth: TruthConfig) -> bool:
+    """Check whether the world differs from trial to trial."""
+    varied = truth.variation
+    spreads = [*_numbers(varied.friction), *varied.mass.values(), *varied.force.values()]
+    spreads += [value for vector in varied.center_of_mass.values() for value in vector]
+    return any(value > 0 for value in spreads)
+
+
+def nominal_parameters(config: Config, robot: Robot) -> Parameters:
+    """Return the planner's values, the middle of an interval of force; a ConfigError for bodies that do not exist."""
+    friction = {
+        name: value_of(config.contact.friction, (name, body), np.nan) for name, body in config.interfaces.items()
+    }
+    tray = {} if config.tray is None else {"tray": config.tray}
+    carried: dict[str, TrayConfig | ObjectConfig] = {**tray, **config.objects}
+    bodies = {
+        name: BodyParameters(item.mass, np.array(item.center_of_mass), inertia_matrix(item))
+        for name, item in carried.items()
+    }
+    bodies |= {name: BodyParameters(*robot.inertia_of(name)) for name in _named_bodies(config, robot)}
+    held = {name: body.held_by.tool.force for name, body in config.objects.items() if body.held_by is not None}
+    if config.tray is not None and config.tray.hands is not None:
+        held = {"tray": config.tray.hands.force} | held
+    return Parameters(friction, bodies, {name: float(np.mean(force)) for name, force in held.items()})
+
+
+def _named_bodies(config: Config, robot: Robot) -> list[str]:
+    """List the bodies of the robot that `execution.truth` names."""
+    truth = truth_of(config)
+    given: dict[str, Mapping[str, object]] = {
+        "mass": truth.mass, "center_of_mass": truth.center_of_mass, "inertia": truth.inertia,
+        "variation.mass": truth.variation.mass, "variation.center_of_mass": truth.variation.center_of_mass,
+    }  # fmt: skip
+    carried = {"tray", *config.objects}
+    for key, values in given.items():
+        for name in values:
+            if name not in carried and name not in robot.body_names:
+                known = ", ".join(robot.body_names)
+                message = f"the robot has no body {name} with a mass; expected one of {known}"
+                raise ConfigError(message, key=f"execution.truth.{key}.{name}")
+    named = {name for values in given.values() for name in values}
+    return [name for name in robot.body_names if name in named - carried]
+
+
+def actual_parameters(nominal: Parameters, config: Config, random: np.random.Generator) -> Parameters:
+    """Sample the parameters of one trial."""
+    truth = truth_of(config)
+    sample, varied = _sampler(truth.variation, random), truth.variation
+    friction = {}
+    for name, value in nominal.friction.items():
+        names = (name, config.interfaces[name])
+        middle = value_of(truth.friction, names, value)
+        friction[name] = sample(middle, value_of(varied.friction, names, 0.0), True)
+    bodies = {name: _actual_body(name, body, truth, sample) for name, body in nominal.bodies.items()}
+    force = {
+        name: sample(truth.force.get(name, value), varied.force.get(name, 0.0), True)
+        for name, value in nominal.force.items()
+    }
+    return Parameters(friction, bodies, force, truth.contact_inset)
+
+
+def _actual_body(name: str, nominal: BodyParameters, truth: TruthConfig, sample: Sampler) -> BodyParameters:
+    mass = sample(truth.mass.get(name, nominal.mass), truth.variation.mass.get(name, 0.0), True)
+    centre = truth.center_of_mass.get(name, tuple(nominal.center_of_mass))
+    spread = truth.variation.center_of_mass.get(name, (0.0, 0.0, 0.0))
+    sampled = np.array([sample(value, reach, False) for value, reach in zip(centre, spread, strict=True)])
+    inertia = nominal.inertia * (mass / nominal.mass)
+    if name in truth.inertia:
+        inertia = np.zeros((3, 3))
+        for value, (i, j) in zip(truth.inertia[name], INERTIA_TERMS, strict=False):
+            inertia[i, j] = inertia[j, i] = value
+    return BodyParameters(mass, sampled, inertia)
+
+
+def _sampler(variation: VariationConfig, random: np.random.Generator) -> Sampler:
+    def sample(value: float, deviation: float, positive: bool) -> float:
+        if deviation == 0:
+            return value
+        while True:
+            unit = random.standard_normal() if variation.distribution == "normal" else random.uniform(-1.0, 1.0)
+            sampled = value + deviation * unit
+            if sampled > 0 or not positive:
+                return float(sampled)
+
+    return sample
+
+
+def _numbers(values: float | Mapping[str, float]) -> list[float]:
+    return list(values.values()) if isinstance(values, Mapping) else [values]

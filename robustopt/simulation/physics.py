@@ -1,0 +1,92 @@
+"""Settings of MuJoCo under which contacts follow Coulomb's law.
+
+Every contact that a plan counts on is a pair with its own friction, because MuJoCo gives a contact of two shapes the
+larger of their frictions. With elliptic cones and contacts as stiff as the time step allows, objects slip, tip and lose
+their grip within 1 % of the closed forms and creep less than 0.1 mm/s (tests/test_fidelity.py, tests/test_holding.py).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+
+from robustopt.arrays import Array
+from robustopt.robot.model_file import USUAL
+from robustopt.simulation.parameters import BodyParameters
+
+PREFIX = "robustopt_"
+"""Keeps the names of added parts apart from the names in the robot's file."""
+
+SOLREF_STEPS = 2.0
+"""Time constant of a contact in time steps: the smallest that MuJoCo holds to be stable. A contact drifts in proportion
+to it while its support accelerates on a curved path."""
+
+SOLIMP = (0.95, 0.95, 0.001, 0.5, 2.0)
+"""Impedance of a contact: nearer to 1 it chatters, further from 1 peeling and twisting begin early."""
+
+HOLDING_RATIO = 100.0
+"""Ratio of frictional to normal impedance if cups or pads hold a part: at 10 it creeps ten times faster."""
+
+
+@dataclass(frozen=True)
+class Physics:
+    """Settings of the simulation that differ between kinds of robots.
+
+    integrator: MuJoCo's; impedance_ratio: stiffness of friction over that of the normal direction, against creep;
+    iterations, tolerance: of the contact solver; compensated: part of its own weight that the controller takes off the
+    robot
+    """
+
+    integrator: mujoco.mjtIntegrator
+    impedance_ratio: float
+    iterations: int
+    tolerance: float
+    compensated: float
+
+
+ARM = Physics(mujoco.mjtIntegrator.mjINT_EULER, 10.0, 100, 1e-10, 1.0)
+WALKING = Physics(mujoco.mjtIntegrator.mjINT_IMPLICITFAST, 20.0, 50, 1e-8, 0.0)
+"""The planned torque of a walking robot contains its weight; compensation would hold it up from outside."""
+
+
+def physics_of(base: int, holds: bool) -> Physics:
+    """Return the settings for a robot with so many base coordinates, 0 for an arm; holds: by cups or pads."""
+    found = WALKING if base else ARM
+    return replace(found, impedance_ratio=HOLDING_RATIO) if holds else found
+
+
+def set_options(spec: mujoco.MjSpec, physics: Physics, timestep: float) -> None:
+    """Set integrator and contact solver of a specification."""
+    option = spec.option
+    option.timestep, option.integrator = timestep, physics.integrator
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.solver = mujoco.mjtSolver.mjSOL_NEWTON
+    option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+    option.impratio = physics.impedance_ratio
+    option.tolerance, option.iterations, option.noslip_iterations = physics.tolerance, physics.iterations, 0
+    option.disableflags, option.enableflags = int(mujoco.mjtDisableBit.mjDSBL_AUTORESET), 0
+
+
+def add_contact(spec: mujoco.MjSpec, first: str, second: str, friction: float) -> None:
+    """Let two shapes touch, with a coefficient of friction of their own."""
+    spec.add_pair(
+        USUAL.default, geomname1=first, geomname2=second, condim=3, friction=[friction, friction, 0.0, 0.0, 0.0],
+        solref=[SOLREF_STEPS * spec.option.timestep, 1.0], solimp=SOLIMP,
+    )  # fmt: skip
+
+
+def set_inertia(body: mujoco.MjsBody, parameters: BodyParameters) -> None:
+    """Give a body its mass, centre of mass and inertia."""
+    body.explicitinertial = True
+    body.mass, body.ipos = parameters.mass, parameters.center_of_mass
+    i = parameters.inertia
+    body.fullinertia = [i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2]]
+
+
+def quaternion(axes: Array) -> Array:
+    """Return the quaternion (4,) of a frame whose axes are the columns of a matrix (3, 3)."""
+    found = np.zeros(4)
+    mujoco.mju_mat2Quat(found, np.ascontiguousarray(axes).ravel())
+    return found
