@@ -233,7 +233,7 @@ def test_plan_that_never_moves_on_is_an_error():
 
 @pytest.mark.parametrize("speed", [0.0, -1.0, np.nan, np.inf])
 def test_speed_must_be_positive(speed):
-    with pytest.raises(ConfigError, match="speed: .*expected a number above 0"):
+    with pytest.raises(ConfigError, match=r"speed: .*expected a number above 0"):
         Trajectory.from_plan(bang_bang_plan(), speed=speed)
 
 
@@ -260,7 +260,7 @@ def test_sample_times_end_exactly_at_the_end(duration, period, expected):
 
 @pytest.mark.parametrize("period", [0.0, -0.001, np.nan, np.inf])
 def test_period_must_be_positive(period):
-    with pytest.raises(ConfigError, match="period: .*expected a number above 0"):
+    with pytest.raises(ConfigError, match=r"period: .*expected a number above 0"):
         sample_times(1.0, period)
 
 

@@ -203,14 +203,3 @@ class Config(Section):
         if self.tray is not None and self.tray.hands is not None:
             own |= {pad: "tray" for tool in self.robot.tools for pad in pad_names(tool)}
         return own | {contact: name for name, body in self.objects.items() for contact in contact_names(name, body)}
-
-    @property
-    def walks(self) -> bool:
-        """Return whether the path has steps."""
-        return self.path.steps is not None
-
-    @property
-    def carried_tray(self) -> TrayConfig:
-        """Return the tray of a robot that carries one."""
-        assert self.tray is not None
-        return self.tray
