@@ -16,26 +16,39 @@ RESOLUTION = 1e-9
 
 
 def rectangle(center: Array, size: Array, yaw: float = 0.0) -> Array:
-    """Rectangle of edge lengths `size` (2,) about `center` (2,), turned by `yaw` [rad], shape (4, 2)."""
+    """Return the corners of a rectangle, (4, 2) [m].
+
+    Args:
+        center: its centre (2,) [m].
+        size: its edge lengths along x and y (2,) [m].
+        yaw: its rotation [rad].
+    """
     corners = 0.5 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) * np.asarray(size)[:2]
     return np.asarray(center)[:2] + corners @ rotation(yaw).T
 
 
 def regular_polygon(center: Array, radius: float, points: int, yaw: float = 0.0) -> Array:
-    """Regular polygon inscribed in a circle, first corner at angle `yaw` [rad], shape (points, 2)."""
+    """Return the corners of a regular polygon inscribed in a circle, (points, 2) [m].
+
+    Args:
+        center: centre of the circle (2,) [m].
+        radius: radius of the circle [m].
+        points: number of corners.
+        yaw: angle of the first corner [rad].
+    """
     angle = yaw + 2.0 * np.pi * np.arange(points) / points
     return np.asarray(center)[:2] + radius * np.column_stack([np.cos(angle), np.sin(angle)])
 
 
 def rotation(yaw: float) -> Array:
-    """Rotation matrix in the plane, shape (2, 2)."""
+    """Return the rotation matrix in the plane (2, 2); yaw in [rad]."""
     c, s = np.cos(yaw), np.sin(yaw)
     matrix: Array = np.array([[c, -s], [s, c]])
     return matrix
 
 
 def half_planes(polygon: Array) -> tuple[Array, Array]:
-    """Outward unit normals n, shape (n, 2), and offsets h, shape (n,): the polygon is {p: n p <= h}."""
+    """Return outward unit normals n (n, 2) and offsets h (n,) [m] of the edges: the polygon is {p: n p <= h}."""
     edge = np.roll(polygon, -1, axis=0) - polygon
     normal = np.column_stack([edge[:, 1], -edge[:, 0]])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
@@ -43,22 +56,30 @@ def half_planes(polygon: Array) -> tuple[Array, Array]:
 
 
 def area(polygon: Array) -> float:
-    """Area of a polygon [m^2], by the shoelace formula; 0 for an empty one."""
+    """Return the area of a polygon [m^2], by the shoelace formula; 0 for an empty one."""
     x, y = polygon[:, 0], polygon[:, 1]
     return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
 
 
 def clip(polygon: Array, other: Array) -> Array:
-    """Intersection of two convex polygons, shape (n, 2); empty where they do not overlap."""
+    """Return the intersection of two convex polygons (n, 2) [m]; empty if they do not overlap."""
     return _cut(polygon, *half_planes(other))
 
 
 def erode(polygon: Array, distance: float, yaw: float = 0.0) -> Array:
-    """What is left of a polygon when each of its corners may be `distance` off along x and y.
+    """Return the certain part of a polygon if each of its corners may be displaced along x and y.
 
-    {p: p + d in polygon for every d in the square [-distance, distance]^2 turned by `yaw`}: each edge n p <= h
-    moves inwards by the square's reach along n, distance (|n_x| + |n_y|) in the square's own axes. Every point
-    of the result is inside the hull of the corners wherever in their squares they are (separating line).
+    That is {p: p + d in polygon for every d in the square [-distance, distance]^2 turned by `yaw`}: each edge n p <= h
+    moves inwards by the square's reach along n, distance (|n_x| + |n_y|) in the square's own axes. Every point of the
+    result is inside the hull of the displaced corners (separating line).
+
+    Args:
+        polygon: corners (n, 2) [m].
+        distance: largest displacement of each corner along x and along y [m].
+        yaw: rotation of these axes [rad].
+
+    Returns:
+        Corners (k, 2) [m]; empty if nothing is certain.
     """
     normal, offset = half_planes(polygon)
     reach = distance * np.abs(normal @ rotation(yaw)).sum(axis=1)
@@ -66,7 +87,7 @@ def erode(polygon: Array, distance: float, yaw: float = 0.0) -> Array:
 
 
 def contains(polygon: Array, point: Array, tolerance: float = RESOLUTION) -> bool:
-    """Whether a point is inside a convex polygon, or at most `tolerance` [m] outside one of its edges."""
+    """Return whether a point is inside a convex polygon, or at most `tolerance` [m] outside one of its edges."""
     if len(polygon) < 3:
         return False
     normal, offset = half_planes(polygon)
@@ -74,7 +95,7 @@ def contains(polygon: Array, point: Array, tolerance: float = RESOLUTION) -> boo
 
 
 def convex_hull(points: Array) -> Array:
-    """Corners of the convex hull of points in the plane (n, 2), by Andrew's monotone chain."""
+    """Return the corners of the convex hull of points in the plane (n, 2), by Andrew's monotone chain."""
     ordered = sorted(map(tuple, points))
 
     def chain(sequence: list[tuple[float, ...]]) -> list[tuple[float, ...]]:
@@ -93,7 +114,7 @@ def _turn(a: tuple[float, ...], b: tuple[float, ...], c: tuple[float, ...]) -> f
 
 
 def _cut(polygon: Array, normal: Array, offset: Array) -> Array:
-    """The part of a convex polygon in all half-planes n p <= h (Sutherland and Hodgman)."""
+    """Return the part of a convex polygon in all half-planes n p <= h (Sutherland and Hodgman)."""
     for n, h in zip(normal, offset, strict=True):
         depth = polygon @ n - h
         inside = depth <= RESOLUTION
@@ -118,11 +139,18 @@ def _without_repetitions(polygon: Array) -> Array:
 
 
 def common_direction(normals: Sequence[Array], friction: Sequence[float]) -> Array | None:
-    """A unit vector (3,) that all forces in the friction cones of some contacts have a positive part along, or None.
+    """Return a direction along which all forces in the friction cones of some contacts have a positive part.
 
-    normals: of the contacts, (3,) each, not more than two different ones; friction: coefficient of each. A direction at
-    an angle a from a normal is such for its cone if a + atan(mu) < 90 degrees; between two normals the middle of what
-    both allow is taken. Without one, contacts could press against each other with any force (our choice).
+    A direction at an angle a from a normal has this property for its cone if a + atan(mu) < 90 degrees; between two
+    normals the middle of the allowed angles is taken. Without such a direction, contacts could press against each other
+    with any force (our choice).
+
+    Args:
+        normals: unit normals of the contacts, (3,) each; at most two different ones.
+        friction: coefficient of friction of each contact.
+
+    Returns:
+        Unit vector (3,), or None if there is none.
     """
     first, cones = normals[0], np.arctan(friction)
     angles = np.arccos(np.clip(np.array(normals) @ first, -1.0, 1.0))
@@ -140,9 +168,11 @@ def common_direction(normals: Sequence[Array], friction: Sequence[float]) -> Arr
 
 
 def contact_axes(normal: Sequence[float] | Array, along: Sequence[float] | Array) -> Array:
-    """Axes of a contact as columns (3, 3): z is its normal, x what of a direction is at a right angle to that.
+    """Return the axes of a contact as columns (3, 3): z along its normal, x along a direction projected onto its plane.
 
-    The vectors may have any length, but must not be parallel.
+    Args:
+        normal: the normal (3,), of any length but 0.
+        along: the direction (3,), of any length but 0, not parallel to the normal.
     """
     z = np.asarray(normal, dtype=float) / np.linalg.norm(normal)
     x = np.asarray(along, dtype=float) - (np.asarray(along) @ z) * z

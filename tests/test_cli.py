@@ -193,7 +193,7 @@ BAD_CONFIGS = {
     "one waypoint": (["path={tray_poses: [{position: [0.75, 0, 0.75]}]}"], "found 1 waypoint; expected at least two"),
     "repeated waypoints": (
         ["path={tray_poses: [{position: [0.75, 0, 0.75]}, {position: [0.75, 0, 0.75]}]}"],
-        "path.tray_poses[1]: the same waypoint as path.tray_poses[0] before it; expected it once",
+        "path.tray_poses[1]: found the same waypoint as path.tray_poses[0]; expected it once",
     ),
     "unreachable pose": (["path.tray_poses.1={position: [5, 0, 0.75]}"], "path.tray_poses[1]: "),
     "friction 0": (["contact.friction=0"], "contact.friction: found 0; expected a number from 1e-06 to 100"),

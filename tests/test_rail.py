@@ -323,9 +323,9 @@ MISTAKES = [
     ("path.rail.size=[0, 0.05]", "path.rail.size", "found 0; expected a number from 1e-06"),
     ("path.rail.size=null", "path.rail.size", "found nothing; expected a list of two numbers"),
     ("path.rail.place=[0, 0, 1]", "path.rail.place", "unknown key"),
-    ("path.rail.at=[0.3, 0.27, -0.1]", "path.rail.at", "expected a place above the floor"),
+    ("path.rail.at=[0.3, 0.27, -0.1]", "path.rail.at", "expected a position above the floor"),
     ("path.rail.normal=[0, 0, 0]", "path.rail.normal", "which has no direction"),
-    ("path.rail.length=0.05", "path.rail.length", "expected at least that of the palm on it, 0.08 m"),
+    ("path.rail.length=0.05", "path.rail.length", "expected at least 0.08 m, the palm's length"),
     ("path.rail.along=[0, 0, 3]", "path.rail.along", "found the direction of the normal"),
     ("path.rail.normal=[0, 0.1, -1]", "path.rail.normal", "could press against each other with any force"),
     ("contact.friction={left_foot: 1, right_foot: 1}", "contact.friction", "no value for left_hand"),
@@ -346,7 +346,7 @@ def test_a_mistake_names_its_key_and_what_would_be_right(override: str, key: str
 def test_a_rail_needs_steps_and_a_hand() -> None:
     with pytest.raises(ConfigError, match=r"path\.rail: not allowed without path\.steps"):
         load_config(CONFIGS / "waiter_two_blocks.yaml", ["path.rail={hand: left, at: [0, 0, 1], size: [0.1, 0.1]}"])
-    with pytest.raises(ConfigError, match=r"leaves nothing of left_hand, 0\.08 by 0\.05 m"):
+    with pytest.raises(ConfigError, match=r"leaves no certain part of left_hand, 0\.08 by 0\.05 m"):
         build_problem(configured("uncertainty.contact_points={left_hand: 0.03}"))
 
 

@@ -1,4 +1,4 @@
-"""What relates several keys of a configuration to each other."""
+"""Checks of the relations between the keys of a configuration."""
 
 from __future__ import annotations
 
@@ -22,15 +22,17 @@ from robustopt.geometry import RESOLUTION
 from robustopt.scene.placement import TRAY, supports
 
 Finding = tuple[Key, str]
-"""Key of a mistake, and what was found and what would be right."""
+"""Key of a mistake, and a message: the value that was found, and the values that are expected."""
 
 
 def check(config: Config, names: Collection[str] | None = None, like: Config | None = None) -> Iterator[Finding]:
-    """All mistakes in how the keys of a configuration fit together.
+    """Yield all mistakes in the relations between the keys of a configuration.
 
-    names: all objects that the configuration names, or hands; those that are missing in `config` were wrong in
-    themselves, so the scene as a whole is not checked; like: a configuration without mistakes, whose path and scene are
-    not checked again where they are the same
+    Args:
+        config: the configuration.
+        names: all objects that the document names, by default the objects of `config`. If `config` lacks some of them,
+            because they are wrong themselves, the scene as a whole is not checked.
+        like: a configuration without mistakes; its path and scene are not checked again if `config` shares them.
     """
     names = tuple(config.objects) if names is None else names
     yield from _names(config, names)
@@ -60,7 +62,7 @@ def _without_tray(config: Config) -> Iterator[Finding]:
     needed = [name for name, body in config.objects.items() if TRAY in supports(body)]
     fields = ", ".join(TrayConfig.model_fields)
     if config.tray is None and (needed or config.path.tray_poses is not None):
-        reason = f"{needed[0]} stands on it" if needed else "path.tray_poses says where it goes"
+        reason = f"{needed[0]} stands on it" if needed else "path.tray_poses is given"
         remedy = "held_by for an object that the tool holds" if needed else "path.tool_poses"
         yield ("tray",), f"missing, but {reason}; expected a section with the keys {fields}, or {remedy}"
     if config.tray is not None and config.path.tool_poses is not None:
@@ -77,11 +79,11 @@ def _shapes(config: Config) -> Iterator[Finding]:
 
 def _names(config: Config, names: Collection[str]) -> Iterator[Finding]:
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}", config.name):
-        message = f"found {config.name!r}; expected letters, digits, `.`, `_` and `-`, because it names a folder"
+        message = f"found {config.name!r}; expected letters, digits, `.`, `_` and `-`, as it names the results folder"
         yield ("name",), message
     for name in names:
         if name in (TRAY, "default"):
-            yield ("objects", name), f"an object cannot be called {name}, which has a meaning of its own"
+            yield ("objects", name), f"an object cannot be called {name}, a reserved name; expected another name"
         elif not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_-]*", name):
             yield ("objects", name), f"found {name!r}; expected a name of letters, digits, `_` and `-`"
 
@@ -94,7 +96,7 @@ def _unknown(name: str, valid: Collection[str]) -> str:
 
 def _references(config: Config, names: Collection[str]) -> Iterator[Finding]:
     yield from _per_interface(config, names)
-    if config.path.steps is None:  # else bodies may be those of the robot, whose model is not read yet
+    if config.path.steps is None:  # with steps a name may be a body of the robot, whose model is not read yet
         yield from _per_body(config, (TRAY, *names))
 
 
@@ -190,7 +192,7 @@ def _waypoints(key: Key, waypoints: Sequence[Sequence[float]]) -> Iterator[Findi
         if len(first) != len(second):
             yield (*key, i + 1), f"found {len(second)} joint positions; expected {len(first)} as in {name}[{i}]"
         elif max((abs(a - b) for a, b in zip(first, second, strict=True)), default=0.0) <= RESOLUTION:
-            yield (*key, i + 1), f"the same waypoint as {name}[{i}] before it; expected it once"
+            yield (*key, i + 1), f"found the same waypoint as {name}[{i}]; expected it once"
 
 
 def _orientation(key: Key, pose: FramePose) -> Iterator[Finding]:
@@ -223,7 +225,7 @@ def _shape(key: Key, body: ObjectConfig) -> Iterator[Finding]:
     needed = ("size",) if body.shape == "box" else ("radius", "height")
     for name in ("size", "radius", "height"):
         if name in needed and getattr(body, name) is None:
-            yield (*key, name), f"missing; a {body.shape} needs {' and '.join(needed)}"
+            yield (*key, name), f"missing; expected {' and '.join(needed)} for a {body.shape}"
         elif name not in needed and getattr(body, name) is not None:
             yield (*key, name), f"found {name} for a {body.shape}; expected only {' and '.join(needed)}"
 
@@ -237,18 +239,19 @@ def _inertia(key: Key, body: TrayConfig | ObjectConfig) -> Iterator[Finding]:
     if low <= 0:
         yield key, f"the principal moments are {principal}; expected all above 0"
     elif high > (low + middle) * (1 + 1e-9):
-        yield key, f"the principal moments are {principal}; no body has one above the sum of the other two"
+        message = "physically impossible, the largest exceeds the sum of the others; expected at most that sum"
+        yield key, f"the principal moments are {principal}: {message}"
 
 
 def _standing(config: Config, names: Collection[str]) -> Iterator[Finding]:
-    """Unknown supports, and objects that stand on each other in a circle."""
+    """Yield unknown supports, and objects that stand on each other in a circle."""
     on = {name: supports(body) for name, body in config.objects.items()}
     for name, below in on.items():
         for support in below:
             if support != TRAY and support not in names:
                 yield ("objects", name, "on"), _unknown(support, (TRAY, *names))
         if len(set(below)) < len(below):
-            yield ("objects", name, "on"), f"found {below[0]} twice; expected two different supports, or one name"
+            yield ("objects", name, "on"), f"found {below[0]} twice; expected two different supports, or one"
     grounded = {TRAY, *(name for name in names if name not in on)}
     while more := {name for name, below in on.items() if name not in grounded and grounded.issuperset(below)}:
         grounded |= more
@@ -260,7 +263,7 @@ def _standing(config: Config, names: Collection[str]) -> Iterator[Finding]:
 
 
 def _circle(on: Mapping[str, tuple[str, ...]]) -> list[str]:
-    """Names of objects each of which stands on the next, and the last on the first."""
+    """Return the names of objects that stand each on the next, and the last on the first; empty if there are none."""
     for start in on:
         chain = [start]
         while following := next((below for below in on[chain[-1]] if below in on), None):
@@ -285,8 +288,8 @@ def _intervals(config: Config) -> Iterator[Finding]:
         yield from _interval(key, interval)
         body = config.tray if name == "tray" else config.objects.get(name)
         if body is not None:
-            where = f"{name}.mass" if name == "tray" else f"objects.{name}.mass"
-            yield from _inside(key, interval, body.mass, where)
+            nominal = f"{name}.mass" if name == "tray" else f"objects.{name}.mass"
+            yield from _inside(key, interval, body.mass, nominal)
     yield from _friction(config)
 
 
@@ -311,10 +314,8 @@ def _interval(key: Key, interval: tuple[float, float]) -> Iterator[Finding]:
         yield key, f"found [{low:g}, {high:g}]; expected the lowest value first: [{high:g}, {low:g}]"
 
 
-def _inside(key: Key, interval: tuple[float, float], value: float, where: str) -> Iterator[Finding]:
+def _inside(key: Key, interval: tuple[float, float], value: float, nominal: str) -> Iterator[Finding]:
     low, high = interval
     if low <= high and not low <= value <= high:
-        message = (
-            f"found [{low:g}, {high:g}], which does not contain {where}, {value:g}; expected an interval around it"
-        )
-        yield key, message
+        found = f"found [{low:g}, {high:g}], which does not contain {nominal} = {value:g}"
+        yield key, f"{found}; expected an interval around it"

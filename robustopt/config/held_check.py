@@ -22,12 +22,12 @@ def check_held(name: str, body: ObjectConfig) -> Iterator[Finding]:
     if body.held_by is None:
         return
     if body.on is not None:
-        yield (*key, "on"), "found it together with held_by; expected one of the two: an object stands or is held"
+        yield (*key, "on"), "not allowed with held_by: an object either stands on a support or is held"
         return
     given = [kind for kind in ("suction", "grip") if getattr(body.held_by, kind) is not None]
     if len(given) != 1:
-        found = "both suction and grip: an object cannot be held by two tools" if given else "neither suction nor grip"
-        yield (*key, "held_by"), f"found {found}; expected one of suction and grip"
+        found = "both suction and grip" if given else "neither suction nor grip"
+        yield (*key, "held_by"), f"found {found}; expected one of them"
         return
     hold = body.held_by.tool
     inner: Key = (*key, "held_by", given[0])
@@ -35,10 +35,10 @@ def check_held(name: str, body: ObjectConfig) -> Iterator[Finding]:
         low, high = hold.force
         yield (*inner, "force"), f"found [{low:g}, {high:g}]; expected the lowest value first: [{high:g}, {low:g}]"
     if any(body.at) or body.yaw:
-        yield (*key, "at" if any(body.at) else "yaw"), f"found it for a held object; expected it in held_by.{given[0]}"
+        yield (*key, "at" if any(body.at) else "yaw"), f"not allowed with held_by; expected it in held_by.{given[0]}"
     if body.shape == "cylinder" and (hold.face not in ("top", "bottom") or isinstance(hold, GripConfig)):
         found = "a gripper" if isinstance(hold, GripConfig) else f"the face {hold.face}"
-        yield inner, f"found {found} on a cylinder; expected cups on its top or bottom: other faces are not flat"
+        yield inner, f"found {found} on a cylinder; expected cups on its top or bottom, which are flat"
         return
     yield from _cups(inner, body, hold) if isinstance(hold, SuctionConfig) else _pads(inner, body, hold)
 
@@ -72,7 +72,7 @@ def _pads(key: Key, body: ObjectConfig, hold: GripConfig) -> Iterator[Finding]:
     part = part_in_hold(body)
     closing = part.rotation.T @ np.eye(3)[0 if hold.axis == "x" else 1]
     if np.abs(closing).max() < 1.0 - RESOLUTION:
-        yield (*key, "yaw"), f"found {hold.yaw:g} rad, with which the pads meet no flat faces; expected quarter turns"
+        yield (*key, "yaw"), f"found {hold.yaw:g} rad, with no flat face at the pads; expected a multiple of pi / 2"
         return
     extents, centre = half_extents(body), part.rotation.T @ -part.position
     across = part.rotation.T @ np.eye(3)[1 if hold.axis == "x" else 0]

@@ -1,7 +1,7 @@
-"""Models of the configuration: what each key means, its unit, default and bounds.
+"""Models of the configuration: meaning, unit, default and bounds of each key.
 
-Units are SI, angles are radians. The reference page and the JSON Schema are generated from the descriptions here;
-what relates several keys to each other is in `check`.
+Units are SI, angles are radians. The reference page and the JSON Schema are generated from the descriptions here. The
+module `check` holds the relations between keys.
 """
 
 from __future__ import annotations
@@ -30,16 +30,18 @@ from robustopt.config.section import (
 )
 
 FEET = ("left_foot", "right_foot")
-"""Names of the feet of a robot that steps: its contacts, with the hand that it has on a rail, if any."""
+"""Names of the feet of a walking robot."""
 
 HANDS = ("left_hand", "right_hand")
-"""Names of its hands."""
+"""Names of the hands of a walking robot."""
 
 BASE_COORDINATES = 6
-"""Coordinates of the floating base of such a robot: they come before its joints."""
+"""Number of coordinates of a floating base, which come before the joints."""
 
 
 class JointLimitOverride(Section):
+    """Limits and friction of a joint, in place of the model's."""
+
     position: Interval | None = Field(default=None, description="lowest and highest joint position [rad or m]")
     velocity: Positive | None = Field(default=None, description="largest joint speed [rad/s or m/s]")
     acceleration: Positive | None = Field(default=None, description="largest joint acceleration [rad/s^2 or m/s^2]")
@@ -51,6 +53,8 @@ class JointLimitOverride(Section):
 
 
 class Collision(Section):
+    """Collision check along the path."""
+
     check: bool = Field(default=True, description="check the path for collisions of the arm, the tray and the objects")
     exclude: tuple[tuple[str, str], ...] = Field(
         default=(), description="pairs of body names whose collisions are ignored"
@@ -58,19 +62,21 @@ class Collision(Section):
 
 
 class RobotConfig(Section):
+    """The robot: its model, tool, base and limits."""
+
     model: str = Field(
-        description="name of a shipped robot (tx90l, humanoid), or an MJCF or URDF file relative to the "
-        "configuration file"
+        description="name of a shipped robot (tx90l, humanoid), or an MJCF or URDF file relative to the configuration"
     )
     tool: str | tuple[str, ...] = Field(
         default="flange",
-        description="site or body of the model that carries the tray or holds the parts; several hands of a walking "
-        "robot hold the tray together, in a frame with the axes of the first and its origin in the middle of all",
+        description="site or body of the model that carries the tray or holds the parts; a list of hands of a walking "
+        "robot that hold the tray together: the tool frame has the axes of the first and its origin in the middle of "
+        "all",
     )
     posture: dict[str, Real] = Field(
         default={},
-        description="positions of joints of a walking robot that its path leaves alone, in place of those of the "
-        "model's first keyframe [rad or m]",
+        description="positions of joints of a walking robot that do not move along the path, by joint name; default: "
+        "the model's first keyframe [rad or m]",
     )
 
     @property
@@ -81,66 +87,70 @@ class RobotConfig(Section):
     base: Pose = Field(default=Pose(), description="pose of the robot's base in the world")
     limits: dict[str, JointLimitOverride] = Field(
         default={},
-        description="joint limits by joint name, over those of the model; the name `all` applies to every joint",
+        description="joint limits by joint name, in place of the model's; the name `all` applies to every joint",
     )
     locked: dict[str, Real] = Field(
-        default={}, description="joints that are held at a fixed position, by name [rad or m]"
+        default={}, description="fixed positions of locked joints, by joint name [rad or m]"
     )
     joint_friction: bool = Field(default=True, description="count dry and viscous joint friction in the torque limits")
     collision: Collision = Field(default=Collision(), description="collision check along the path")
 
 
 class UncertaintyConfig(Section):
+    """Intervals of the uncertain quantities."""
+
     friction: tuple[Friction, Friction] | dict[str, tuple[Friction, Friction]] | None = Field(
         default=None,
-        description="interval of the coefficient of friction, one for all or one per object for the interface "
-        "under it (`default` for the rest)",
+        description="interval of the coefficient of friction, one for all contacts, or by contact or object (`default` "
+        "for the rest)",
     )
     contact_points: Distance | dict[str, Distance] | None = Field(
         default=None,
-        description="each contact point may lie this far from its place along x and along y, one value for all or "
-        "one per object for the interface under it (`default` for the rest) [m]",
+        description="largest distance of each contact point from its nominal position along x and along y, one value "
+        "for all contacts, or by contact or object (`default` for the rest) [m]",
     )
     center_of_mass: dict[str, tuple[Distance, Distance, Distance]] = Field(
         default={},
-        description="largest distance of the centre of mass from its place along x, y, z of the object's (or the "
-        "tray's) frame, by object name or `tray` [m]",
+        description="largest distance of the centre of mass from its nominal position along x, y, z of the object's or "
+        "the tray's frame, by object name or `tray` [m]",
     )
     mass: dict[str, tuple[Mass, Mass]] = Field(
         default={},
         description="interval of the mass, which scales the inertia, by object name or `tray` [kg]",
     )
     joint_acceleration: AccelerationError | None = Field(
-        default=None, description="error of the executed joint acceleration"
+        default=None, description="interval of the error of the joint acceleration"
     )
     base_acceleration: NonNegative | tuple[NonNegative, ...] = Field(
         default=0.0,
-        description="with path.steps: largest error of the acceleration of the floating base, one value for all, or "
-        "six: along x, y, z [m/s^2] and about z, y, x [rad/s^2]",
+        description="with path.steps: largest error of the acceleration of the floating base, one value, or six: along "
+        "x, y, z [m/s^2] and about z, y, x [rad/s^2]",
     )
 
 
 class SolverConfig(Section):
+    """The solver and its grid."""
+
     method: Literal["ipopt", "reachability"] = Field(
         default="ipopt",
-        description="an outer nonlinear program with inner contact programs (ipopt), or minimum time only and fast "
-        "(reachability)",
+        description="solver: a nonlinear program with inner contact programs (ipopt), or a fast one for minimum time "
+        "only (reachability)",
     )
     collocation_points: int = Field(
         default=200, ge=10, le=100_000, description="number N of intervals of the grid along the path"
     )
     cost: Literal["time", "effort", "smoothness"] = Field(
         default="time",
-        description="what is minimised: time, or time plus `weight` times the integral of the squared relative torque "
-        "(effort) or acceleration (smoothness)",
+        description="cost: time, or time plus `weight` times the integral of the squared relative torque (effort) or "
+        "acceleration (smoothness)",
     )
     weight: NonNegative = Field(default=0.0, description="weight of the effort or smoothness term")
 
 
 class OutputConfig(Section):
-    period: Positive = Field(
-        default=0.004, description="controller period at which the trajectory is sampled for export [s]"
-    )
+    """Files that a run writes."""
+
+    period: Positive = Field(default=0.004, description="period at which the exported trajectory is sampled [s]")
 
 
 def _empty_mapping(data: Any) -> Any:
@@ -148,7 +158,9 @@ def _empty_mapping(data: Any) -> Any:
 
 
 class Config(Section):
-    name: str = Field(description="name of the task; the results folder takes it")
+    """Configuration of a task."""
+
+    name: str = Field(description="name of the task and of its results folder")
     robot: RobotConfig = Field(description="the robot")
     tray: TrayConfig | None = Field(
         default=None, description="the tray that the tool carries; required if an object stands on it"
@@ -160,10 +172,10 @@ class Config(Section):
     path: PathConfig = Field(description="the path: exactly one of tray_poses, tool_poses, joints and steps")
     uncertainty: UncertaintyConfig = Field(
         default=UncertaintyConfig(),
-        description="intervals that the plan must survive; one replaces the point value, which must lie in it",
+        description="intervals for which the plan must hold; the nominal value must lie in its interval",
     )
     solver: SolverConfig = Field(default=SolverConfig(), description="the solver")
-    output: OutputConfig = Field(default=OutputConfig(), description="what is written")
+    output: OutputConfig = Field(default=OutputConfig(), description="files that a run writes")
     execution: ExecutionConfig | None = Field(
         default=None, description="execution in simulation; checked, but not read by `plan`"
     )
@@ -183,7 +195,7 @@ class Config(Section):
 
     @property
     def interfaces(self) -> dict[str, str]:
-        """Return the object of each contact by the contact's name; of an environment contact, its own name.
+        """Return the object of each contact, by the name of the contact; an environment contact has its own name.
 
         Friction and contact points may be given by either name.
         """
@@ -191,14 +203,3 @@ class Config(Section):
         if self.tray is not None and self.tray.hands is not None:
             own |= {pad: "tray" for tool in self.robot.tools for pad in pad_names(tool)}
         return own | {contact: name for name, body in self.objects.items() for contact in contact_names(name, body)}
-
-    @property
-    def walks(self) -> bool:
-        """Return whether the path has steps."""
-        return self.path.steps is not None
-
-    @property
-    def carried_tray(self) -> TrayConfig:
-        """Return the tray of a robot that carries one."""
-        assert self.tray is not None
-        return self.tray

@@ -1,4 +1,4 @@
-"""Models of the configuration: what the robot holds, and its contacts."""
+"""Models of the configuration: tray, objects, and their contacts."""
 
 from __future__ import annotations
 
@@ -27,27 +27,31 @@ Force = Positive | tuple[Positive, Positive]
 
 
 class HandsConfig(Section):
+    """Hands that hold the tray between thumb and fingers."""
+
     pad: tuple[Length, Length] = Field(
-        description="edge lengths of the pads of each hand, along x and y of the tray: a thumb on top of it, fingers "
-        "below [m]"
+        description="edge lengths of the pads of each hand, along x and y of the tray: a thumb above it, fingers below "
+        "[m]"
     )
     force: Force = Field(description="force with which each thumb presses the tray onto the fingers [N]")
     squeeze: NonNegative = Field(
         default=0.0,
-        description="largest internal force between two hands, along the line between them, that a mismatch of their "
-        "positions makes; it uses up friction and joint torque [N]",
+        description="largest internal force between two hands, along the line between them, due to a mismatch of their "
+        "positions; it uses up friction and joint torque [N]",
     )
     pressure: Literal["fixed", "free"] = Field(
-        default="fixed", description="how the normal force spreads over the pads, as for a gripper"
+        default="fixed", description="distribution of the normal force over the pads, as for a gripper"
     )
 
 
 class TrayConfig(Section):
+    """The tray, a box."""
+
     size: Size = Field(description="edge lengths of the tray, a box [m]")
     mass: Mass = Field(description="mass of the tray [kg]")
     pose: Pose = Field(default=Pose(), description="pose of the tray's centre in the tool frame")
     hands: HandsConfig | None = Field(
-        default=None, description="how hands hold the tray, if robot.tool names several; else it is fixed to the tool"
+        default=None, description="hands that hold the tray, if robot.tool names several; else it is fixed to the tool"
     )
     center_of_mass: Point3 = Field(
         default=(0.0, 0.0, 0.0),
@@ -56,79 +60,89 @@ class TrayConfig(Section):
     inertia: Vector3 | Vector6 | None = Field(
         default=None,
         description="inertia about the centre of mass, tray axes: ixx, iyy, izz, or ixx, iyy, izz, ixy, ixz, iyz; "
-        "without it that of a uniform box [kg m^2]",
+        "default: as of a uniform box [kg m^2]",
     )
 
 
 class HoldConfig(Section):
-    """What suction and grip have in common: which face of the part looks at the tool, and how the part lies there."""
+    """Place of a held part at the tool, and its pressure: the keys that suction and grip share."""
 
     pose: Pose = Field(
         default=Pose(),
-        description="pose in the tool frame of the plane of the cups, or of the centre between the pads; z points out "
+        description="pose of the plane of the cups, or of the centre between the pads, in the tool frame; z points out "
         "of the tool, towards the part",
     )
     face: Literal["top", "bottom", "front", "back", "left", "right"] = Field(
         default="top",
-        description="face of the part that looks at the tool: its upper or lower one, or the one towards its x "
-        "(front), -x (back), y (left) or -y (right)",
+        description="face of the part that points to the tool: upper or lower, or towards the part's x (front), -x "
+        "(back), y (left) or -y (right)",
     )
     at: Point2 = Field(
         default=(0.0, 0.0),
-        description="point of that face that lies on the z axis of the tool's pose, from the middle of the face along "
-        "its own axes: the x and y of the part for top and bottom, else the z of the part first [m]",
+        description="point of this face on the z axis of `pose`, from the middle of the face along the part's axes: x "
+        "and y for top and bottom, z and the other horizontal axis for the side faces [m]",
     )
-    yaw: Real = Field(default=0.0, description="rotation of the part about the z axis of the tool's pose [rad]")
+    yaw: Real = Field(default=0.0, description="rotation of the part about the z axis of `pose` [rad]")
     pressure: Literal["fixed", "free"] = Field(
         default="fixed",
-        description="how the normal force spreads over the contact points where the load twists the patch: as elastic "
-        "lips or uniform pads spread it (fixed, the safe side), or as is best (free)",
+        description="distribution of the normal force over the contact points of a patch that is twisted: as of "
+        "elastic lips or uniform pads (fixed, the safe side), or the best possible (free)",
     )
 
 
 class CupConfig(Section):
+    """One suction cup."""
+
     at: Point2 = Field(default=(0.0, 0.0), description="centre of the lip in the plane of the cups [m]")
     radius: Length = Field(description="radius of the lip [m]")
 
 
 class SuctionConfig(HoldConfig):
+    """Suction cups that hold a part."""
+
     cups: tuple[CupConfig, ...] = Field(default=(), description="the suction cups, at least one")
     force: Force = Field(
-        description="force with which the vacuum presses the part against each lip, a number or an interval [N]"
+        description="force of the vacuum that presses the part against each lip, a number or an interval [N]"
     )
 
 
 class GripConfig(HoldConfig):
+    """A gripper that holds a part between two opposed pads."""
+
     pad: tuple[Length, Length] = Field(
         description="edge lengths of each pad, across the axis of the tool and along it [m]"
     )
     axis: Literal["x", "y"] = Field(
-        default="x", description="axis of the tool's pose along which the pads close; the driven finger is on its side"
+        default="x", description="axis of `pose` along which the pads close; the driven finger is on its positive side"
     )
     force: Force = Field(description="closing force of the driven finger, a number or an interval [N]")
     depth: Distance | None = Field(
         default=None,
-        description="distance of the centre of the pads from the face that looks at the tool; without it, half the "
-        "part [m]",
+        description="distance of the centre of the pads from the face that points to the tool; default: half the part "
+        "[m]",
     )
     finger_mass: NonNegative = Field(
-        default=0.0, description="mass that the closing force accelerates besides the part: the driven finger [kg]"
+        default=0.0, description="mass of the driven finger, which the closing force accelerates besides the part [kg]"
     )
 
 
 class HeldByConfig(Section):
-    suction: SuctionConfig | None = Field(default=None, description="suction cups hold the part")
-    grip: GripConfig | None = Field(default=None, description="two opposed pads hold the part")
+    """The cups or the gripper that hold an object."""
+
+    suction: SuctionConfig | None = Field(default=None, description="suction cups that hold the part")
+    grip: GripConfig | None = Field(default=None, description="a gripper that holds the part between two opposed pads")
 
     @property
     def tool(self) -> SuctionConfig | GripConfig:
-        """Return the way in which the part is held."""
+        """Return the section that is given."""
         tool = self.suction or self.grip
         assert tool is not None, "checked when the configuration was read"
         return tool
 
 
 class ObjectConfig(Section):
+    """An object on a support, or held by the tool."""
+
     shape: Literal["box", "cylinder"] = Field(description="shape; a cylinder stands upright")
     size: Size | None = Field(default=None, description="edge lengths of a box [m]")
     radius: Length | None = Field(default=None, description="radius of a cylinder [m]")
@@ -136,8 +150,8 @@ class ObjectConfig(Section):
     mass: Mass = Field(description="mass [kg]")
     on: str | tuple[str, str] | None = Field(
         default=None,
-        description="what the object stands on: `tray`, another object, or two of them (a bridge); without it the "
-        "tray, unless the object is held",
+        description="support of the object: `tray`, another object, or two of them (a bridge); default: `tray`, unless "
+        "the object is held",
     )
     held_by: HeldByConfig | None = Field(
         default=None, description="suction cups or a gripper on the tool that hold the object, in place of `on`"
@@ -147,7 +161,7 @@ class ObjectConfig(Section):
         description="centre of the object's base in the frame of its support; for a bridge in the tray frame [m]",
     )
     yaw: Real = Field(
-        default=0.0, description="turn about the vertical against its support; for a bridge against the tray [rad]"
+        default=0.0, description="rotation about the vertical relative to its support; for a bridge to the tray [rad]"
     )
     center_of_mass: Point3 = Field(
         default=(0.0, 0.0, 0.0),
@@ -156,7 +170,7 @@ class ObjectConfig(Section):
     inertia: Vector3 | Vector6 | None = Field(
         default=None,
         description="inertia about the centre of mass, object axes: ixx, iyy, izz, or ixx, iyy, izz, ixy, ixz, iyz; "
-        "without it that of a uniform body of the shape [kg m^2]",
+        "default: as of a uniform body of the shape [kg m^2]",
     )
 
     @model_validator(mode="before")
@@ -168,16 +182,17 @@ class ObjectConfig(Section):
 
 
 class ContactConfig(Section):
+    """Friction, and the approximation of contacts."""
+
     friction: Friction | dict[str, Friction] = Field(
         default=0.5,
-        description="coefficient of friction the planner believes: one value, or one per object for the interface "
-        "under it, per foot and hand of a robot on its feet (`default` for the rest); where it is not given and "
-        "uncertainty.friction is, the middle of that",
+        description="nominal coefficient of friction, one value for all contacts, or by contact or object (`default` "
+        "for the rest); if only uncertainty.friction is given, the middle of its interval",
     )
     cone_edges: int = Field(
         default=16, ge=3, le=64, description="edges of the inner approximation of each friction cone"
     )
-    patch_points: int = Field(default=8, ge=3, le=32, description="contact points that stand for a round contact patch")
+    patch_points: int = Field(default=8, ge=3, le=32, description="number of contact points of a round patch")
 
 
 def contact_names(name: str, body: ObjectConfig) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Models of the configuration: the section `path`."""
+"""Models of the configuration: the path."""
 
 from __future__ import annotations
 
@@ -21,6 +21,8 @@ from robustopt.config.section import (
 
 
 class FramePose(Section):
+    """A pose along the path."""
+
     position: Point3 = Field(description="position of the tray's centre, or of the tool, in the world [m]")
     rpy: Vector3 | None = Field(default=None, description="roll, pitch, yaw about the fixed x, y, z axes [rad]")
     yaw: Real | None = Field(default=None, description="rotation about the vertical of a level tray or tool [rad]")
@@ -28,91 +30,105 @@ class FramePose(Section):
 
 
 class PathTolerance(Section):
+    """Accuracy of the inverse kinematics between samples."""
+
     position: Positive = Field(
-        default=0.0002, description="largest distance between the joint path and the tray path [m]"
+        default=0.0002, description="largest distance between the joint path and the path of poses [m]"
     )
-    angle: Positive = Field(default=0.001, description="largest angle between the joint path and the tray path [rad]")
+    angle: Positive = Field(
+        default=0.001, description="largest angle between the joint path and the path of poses [rad]"
+    )
 
 
 class StepConfig(Section):
+    """One step of a walking robot."""
+
     foot: Literal["left", "right"] = Field(description="the foot that steps")
-    to: Point2 = Field(description="where the middle of its sole lands on the floor, x and y in the world [m]")
+    to: Point2 = Field(
+        description="position on the floor at which the middle of its sole lands, x and y in the world [m]"
+    )
 
 
 class StanceConfig(Section):
+    """Positions of both feet on the floor."""
+
     left: Point2 = Field(description="middle of the left sole on the floor, x and y in the world [m]")
     right: Point2 = Field(description="middle of the right sole on the floor, x and y in the world [m]")
 
 
 class RailConfig(Section):
+    """A rail on which a hand of a walking robot rests."""
+
     hand: Literal["left", "right"] = Field(description="the hand that rests on the rail")
-    at: Point3 = Field(description="where the middle of its palm rests on the rail, in the world [m]")
+    at: Point3 = Field(description="position of the middle of its palm on the rail, in the world [m]")
     size: tuple[Length, Length] = Field(
         description="edge lengths of the part of the palm that touches the rail, along the rail and across it [m]"
     )
     length: Length = Field(
         default=0.3,
-        description="length of the rail, a bar with its middle at that place; the robot must not run into it [m]",
+        description="length of the rail, a bar with its middle at this position; the robot must not collide with it "
+        "[m]",
     )
     normal: Vector3 = Field(
-        default=(0.0, 0.0, 1.0), description="direction out of the rail at that place, of any length but 0"
+        default=(0.0, 0.0, 1.0), description="direction out of the rail at this position, of any length but 0"
     )
     along: Vector3 = Field(
         default=(1.0, 0.0, 0.0),
-        description="direction of the rail, and of the fingers: what of it is at a right angle to the normal",
+        description="direction of the rail and of the fingers; only its part at a right angle to the normal counts",
     )
 
     @property
     def contact(self) -> str:
-        """Name of the contact, which is that of the hand's site in the model."""
+        """Return the name of the contact, which is also the name of the hand's site in the model."""
         return f"{self.hand}_hand"
 
 
 class PathConfig(Section):
+    """The path, given by exactly one of tray_poses, tool_poses, joints and steps."""
+
     tray_poses: tuple[FramePose, ...] | None = Field(
         default=None, description="poses of the tray, joined by straight segments"
     )
     tool_poses: tuple[FramePose, ...] | None = Field(
-        default=None, description="poses of the tool frame where there is no tray, joined by straight segments"
+        default=None, description="poses of the tool, if there is no tray, joined by straight segments"
     )
     joints: tuple[tuple[Real, ...], ...] | str | None = Field(
         default=None,
-        description="joint waypoints, or a CSV file of them relative to the configuration file; "
-        "joined by a C2 cubic spline [rad or m]",
+        description="joint waypoints, or a CSV file of them relative to the configuration; joined by a C2 cubic spline "
+        "[rad or m]",
     )
     blend: NonNegative = Field(
-        default=0.0, description="length on each side of a corner of tray_poses that is rounded; 0 stops there [m]"
+        default=0.0, description="length on each side of a pose that is rounded; 0 stops at the pose [m]"
     )
     tolerance: PathTolerance = Field(
         default=PathTolerance(),
-        description="accuracy of the inverse kinematics between the samples of the tray path",
+        description="accuracy of the inverse kinematics between the samples of the path of poses",
     )
     steps: tuple[StepConfig, ...] | None = Field(
-        default=None, description="steps of a robot on its feet, one foot after the other, soles level along x"
+        default=None, description="steps of a walking robot, one foot after the other, with level soles along x"
     )
     start: tuple[Real, ...] | StanceConfig | None = Field(
         default=None,
-        description="joint position near which the inverse kinematics starts, without it the best of many [rad or m]; "
-        "with steps where the feet stand before the first one [m]",
+        description="joint position near which the inverse kinematics starts, default: the best of many [rad or m]; "
+        "with steps: positions of the feet before the first step [m]",
     )
-    lift: Length = Field(default=0.05, description="with steps: how high the foot is lifted [m]")
+    lift: Length = Field(default=0.05, description="with steps: height to which a foot is lifted [m]")
     inset: Distance = Field(
         default=0.012,
-        description="with steps: how far inside the middle of the standing foot, towards the other one, the centre of "
-        "mass passes [m]",
+        description="with steps: distance at which the centre of mass passes the middle of the standing foot, towards "
+        "the other foot [m]",
     )
     pelvis_height: Length | None = Field(
         default=None,
-        description="with steps: height of the pelvis over the soles; without it that of the model's first keyframe "
-        "[m]",
+        description="with steps: height of the pelvis over the soles; default: as in the model's first keyframe [m]",
     )
     rail: RailConfig | None = Field(
-        default=None, description="with steps: a rail on which a hand rests in one place all the way"
+        default=None, description="with steps: a rail on which a hand rests in one position all the way"
     )
 
     @property
     def poses(self) -> tuple[FramePose, ...] | None:
-        """Return the poses of the carrier frame: the tray's, or the tool's where there is no tray."""
+        """Return the poses of the carrier frame: the tray's, or the tool's if there is no tray."""
         return self.tray_poses if self.tray_poses is not None else self.tool_poses
 
     @property

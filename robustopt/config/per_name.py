@@ -1,4 +1,4 @@
-"""Values that a configuration gives once for all, or by name."""
+"""Values that a configuration gives once for all contacts, or by name."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ V = TypeVar("V")
 
 
 def value_of(given: V | Mapping[str, V] | None, names: tuple[str, ...], otherwise: V) -> V:
-    """Return the value for a thing: the one value for all, else its own by the first of its names, else `default`.
+    """Return the value of a contact: the one value for all, else by the first of its names, else by `default`.
 
     Args:
         given: one value, values by name, or None.
-        names: names of the thing, the most specific first.
-        otherwise: the value if nothing is given for it.
+        names: names of the contact, the most specific first.
+        otherwise: the value if none is given.
     """
     if given is None:
         return otherwise

@@ -1,4 +1,4 @@
-"""Checks of where the objects stand, on a level tray or on an object that the tool holds."""
+"""Checks of the places of objects, on the tray or on an object that the tool holds."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from robustopt.arrays import Array
 from robustopt.config.document import Key
 from robustopt.config.model import Config
 from robustopt.config.per_name import value_of
@@ -16,14 +17,14 @@ from robustopt.scene.placement import TRAY, Placement, half_height, placements, 
 Finding = tuple[Key, str]
 
 LEVEL = 1e-6
-"""Tops of the two supports of a bridge may differ by a micrometre: real ones do by more (our choice)."""
+"""Largest difference in height between the two supports of a bridge [m]; real ones differ by more (our choice)."""
 
 OUTLINE_POINTS = 64
-"""Corners of a round object's outline when overlaps are looked for: 0.1 % of the radius inside the circle."""
+"""Corners of the outline of a round object in the search for overlaps: within 0.1 % of the radius."""
 
 
 def check_scene(config: Config) -> Iterator[Finding]:
-    """Mistakes in where the objects stand; supports and shapes must be valid."""
+    """Yield the mistakes in the places of the objects, whose supports and shapes must be valid."""
     uneven = list(_uneven_bridges(config))
     yield from uneven
     if uneven:
@@ -39,7 +40,7 @@ def check_scene(config: Config) -> Iterator[Finding]:
 
 
 def same_scene(config: Config, other: Config) -> bool:
-    """Whether two configurations share the very sections that `check_scene` reads."""
+    """Return whether two configurations share the sections that `check_scene` reads."""
     return (
         all(config.__dict__[name] is other.__dict__[name] for name in ("tray", "objects", "path", "gravity"))
         and config.contact.patch_points == other.contact.patch_points
@@ -55,7 +56,7 @@ def _uneven_bridges(config: Config) -> Iterator[Finding]:
         tops[TRAY] = half_height(config.tray)
     for name, body in config.objects.items():
         if len({roots[support] for support in supports(body)}) > 1:
-            message = "one of its supports stands on the tray, the other on a held object; expected both on one of them"
+            message = "one support stands on the tray, the other on a held object; expected both on the same"
             yield ("objects", name, "on"), message
             continue
         heights = [tops[support] for support in supports(body)]
@@ -74,14 +75,16 @@ def _off_support(config: Config, placed: dict[str, Placement], contacts: tuple[P
             face = f"the tray, which reaches from {-x:g} to {x:g} m in x and from {-y:g} to {y:g} m in y"
         else:
             x, y = placed[patch.support].planar[:2]
-            face = f"the upper face of {patch.support}, whose centre is at [{x:.4g}, {y:.4g}] m on the tray"
+            face = f"the upper face of {patch.support}, whose centre is at [{x:.4g}, {y:.4g}] m"
         x, y = placed[patch.object].planar[:2]
-        message = f"its base, with its centre at [{x:.4g}, {y:.4g}] m on the tray, is off {face}; expected an overlap"
+        root = placed[patch.object].root
+        frame = "on the tray" if root == TRAY else f"in the frame of {root}"
+        message = f"its base, with its centre at [{x:.4g}, {y:.4g}] m {frame}, is off {face}; expected an overlap"
         yield ("objects", patch.object, "at"), message
 
 
 def _tipping(config: Config, placed: dict[str, Placement], contacts: tuple[Patch, ...]) -> Iterator[Finding]:
-    """Objects that fall over on a level tray at rest, each with all that stands on it."""
+    """Yield objects that fall over on a level tray at rest, each with everything that it carries."""
     if not _level(config):
         return
     for name in config.objects:
@@ -92,35 +95,35 @@ def _tipping(config: Config, placed: dict[str, Placement], contacts: tuple[Patch
         center = mass @ np.array([_center_of_mass(config, placed, other) for other in carried]) / mass.sum()
         polygon = base_outline(tuple(patch for patch in contacts if patch.object == name))
         if not contains(polygon, center):
-            load = "" if len(carried) == 1 else f" with {', '.join(carried[1:])}"
+            others = "" if len(carried) == 1 else f" with {', '.join(carried[1:])}"
             below = " and ".join(supports(config.objects[name]))
             message = (
-                f"the centre of mass of {name}{load}, at [{center[0]:.4g}, {center[1]:.4g}] m on the tray, is not "
+                f"the centre of mass of {name}{others}, at [{center[0]:.4g}, {center[1]:.4g}] m on the tray, is not "
                 f"above its contact with {below}, so it tips over at rest; expected it above the contact"
             )
             yield ("objects", name), message
 
 
 def _level(config: Config) -> bool:
-    """Whether every pose of the tray is level, which is known only for tray poses with at most a yaw."""
+    """Return whether every pose of the tray is certainly level: a tray pose with at most a yaw."""
     poses = config.path.tray_poses
     upright = config.gravity[:2] == (0.0, 0.0) and config.gravity[2] < 0
     return upright and poses is not None and all(p.quaternion is None and not any((p.rpy or (0, 0))[:2]) for p in poses)
 
 
 def _carried(config: Config, name: str) -> list[str] | None:
-    """An object and all that stands on it, or None where a bridge shares its load with another object."""
-    load = [name]
-    for other in load:
+    """Return an object and everything that it carries, or None if a bridge rests on it and on another object."""
+    found = [name]
+    for other in found:
         for above, body in config.objects.items():
-            if other in supports(body) and above not in load:
+            if other in supports(body) and above not in found:
                 if len(supports(body)) > 1:
                     return None
-                load.append(above)
-    return load
+                found.append(above)
+    return found
 
 
-def _center_of_mass(config: Config, placed: dict[str, Placement], name: str) -> np.ndarray:
+def _center_of_mass(config: Config, placed: dict[str, Placement], name: str) -> Array:
     offset = np.array(config.objects[name].center_of_mass[:2])
     return np.asarray(placed[name].planar[:2] + rotation(placed[name].yaw) @ offset)
 
@@ -133,8 +136,8 @@ def _contact_points(config: Config, contacts: tuple[Patch, ...]) -> Iterator[Fin
         if d > 0 and len(eroded(patch, d).polygon) == 0:
             key: Key = ("uncertainty", "contact_points")
             message = (
-                f"found {d:g} m, at or over half the size of the contact of {patch.object} on {patch.support}, "
-                "of which nothing certain is left; expected less"
+                f"found {d:g} m, which leaves no certain part of the contact of {patch.object} on {patch.support}; "
+                "expected less than half the size of the contact"
             )
             used = next((name for name in names if isinstance(distance, dict) and name in distance), "default")
             yield (*key, used) if isinstance(distance, dict) else key, message
@@ -142,4 +145,4 @@ def _contact_points(config: Config, contacts: tuple[Patch, ...]) -> Iterator[Fin
 
 def _penetration(config: Config) -> Iterator[Finding]:
     for first, second in overlaps(config.tray, solids(config), OUTLINE_POINTS):
-        yield ("objects", second), f"it overlaps with {first}; expected each object in a place of its own"
+        yield ("objects", second), f"it overlaps with {first}; expected another `at`, or another size"

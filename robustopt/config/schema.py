@@ -44,10 +44,10 @@ use them.
 The frame of an object that stands on the tray or on another object has its origin at the object's centre and its z axis
 along the tray's.
 
-**Names of contacts.** A contact with friction is called by its object (an object on one support, or held by one cup), by
-object and number (`part_cup1`, `part_cup2` for several cups, `part_pad1` for the driven finger of a gripper and
-`part_pad2` for the fixed one), or by foot or hand (`left_foot`, `right_hand`). Keys that take one value per contact look
-for the contact's own name first, then for the object's, then for `default`.
+**Names of contacts.** A contact with friction is called by its object (an object on one support, or held by one cup),
+by object and number (`part_cup1`, `part_cup2` for several cups, `part_pad1` for the driven finger of a gripper and
+`part_pad2` for the fixed one), or by foot or hand (`left_foot`, `right_hand`). Keys that take one value per contact
+look for the contact's own name first, then for the object's, then for `default`.
 """
 
 

@@ -1,6 +1,7 @@
-"""What all sections of the configuration are made of: numbers with their bounds, and how a section is read.
+"""Numbers with their bounds, and the base class of all sections of the configuration.
 
-Lengths, masses and friction are bounded to what a robot can carry, so that no later computation overflows (our choice).
+Lengths, masses and friction are bounded to sizes that a robot can carry, so that no later computation overflows (our
+choice).
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ Interval = tuple[Real, Real]
 
 
 class Section(BaseModel):
-    """A part of the configuration: immutable, unknown keys are errors, an empty section is all defaults."""
+    """Base class of a section: immutable; unknown keys are errors; an empty section has all defaults."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -41,17 +42,21 @@ class Section(BaseModel):
 
 
 class Pose(Section):
+    """Position and orientation of a frame."""
+
     position: Point3 = Field(default=(0.0, 0.0, 0.0), description="position [m]")
     rpy: Vector3 = Field(default=(0.0, 0.0, 0.0), description="roll, pitch, yaw about the fixed x, y, z axes [rad]")
 
 
 class AccelerationError(Section):
+    """Interval of the error of the joint acceleration."""
+
     mean: Real | tuple[Real, ...] = Field(
         default=0.0,
         description="mean U of the executed minus the planned joint acceleration, one value or one per joint "
         "[rad/s^2 or m/s^2]",
     )
     deviation: NonNegative | tuple[NonNegative, ...] = Field(
-        default=0.0, description="standard deviation D of it, one value or one per joint [rad/s^2 or m/s^2]"
+        default=0.0, description="standard deviation D of this error, one value or one per joint [rad/s^2 or m/s^2]"
     )
-    K: NonNegative = Field(default=1.0, description="the plan survives every error between U - K D and U + K D")
+    K: NonNegative = Field(default=1.0, description="the plan holds for every error between U - K D and U + K D")

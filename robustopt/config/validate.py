@@ -1,4 +1,4 @@
-"""From plain values to a `Config`: every mistake of a document at once, in words."""
+"""Conversion of plain values to a `Config`, with all mistakes of a document at once, in words."""
 
 from __future__ import annotations
 
@@ -25,18 +25,26 @@ _PLACEHOLDERS: dict[str, Any] = {
     "tray": {"size": [1.0, 1.0, 1.0], "mass": 1.0},
     "path": {},
 }
-"""Stand in for required sections that are wrong, so that the rest can be checked; never part of a result."""
+"""Substitutes for required sections that are wrong, so that the rest can be checked; never part of a result."""
 
 _A_STEP: dict[str, Any] = {"foot": "right", "to": [0.0, 0.0]}
-"""Stands in for steps that are wrong: without any the robot would be taken for one that carries a tray."""
+"""Substitute for steps that are wrong: a path without steps has other keys."""
 
 
 def validate(document: Document, folder: Path) -> Config:
-    """The configuration in a document, or ConfigError with all its mistakes in the order of the document."""
+    """Return the configuration in a document.
+
+    Args:
+        document: plain values, and the place of each.
+        folder: folder that relative file names refer to.
+
+    Raises:
+        ConfigError: all mistakes, in the order of the document.
+    """
     data = document.data
     if not isinstance(data, dict):
-        what = "an empty file" if data is None else found(data)
-        message = f"found {what}; expected keys and values, such as `name: my-task`"
+        content = "an empty file" if data is None else found(data)
+        message = f"found {content}; expected keys and values, such as `name: my-task`"
         raise ConfigError([*document.problems, document.problem((), message)][:1])
     data = _with_nominal_friction(data)
     config, own = _attempt(data, folder)
@@ -61,8 +69,15 @@ def validate(document: Document, folder: Path) -> Config:
 
 
 def with_sections(config: Config, sections: dict[str, Any]) -> Config | None:
-    """A copy of a valid configuration with some sections read from plain data; None where `validate` has to look at the
-    whole."""
+    """Return a copy of a valid configuration with some sections read from plain data.
+
+    Args:
+        config: the configuration.
+        sections: data of top-level sections, by key.
+
+    Returns:
+        The copy, or None if `validate` must check the whole: the data are wrong, or no section by themselves.
+    """
     read: dict[str, Any] = {}
     try:
         for name, data in sections.items():
@@ -92,7 +107,7 @@ def _frozen(value: Any) -> Any:
 
 
 def _attempt(data: dict[str, Any], folder: Path) -> tuple[Config | None, dict[Key, str]]:
-    """The configuration, or None and the mistakes that concern one key each, by key."""
+    """Return the configuration, or None and the mistakes of single keys, by key."""
     wrong: dict[Key, str] = {("folder",): _unknown(Config, "folder")} if "folder" in data else {}
     try:
         config = _model(data, folder)
@@ -103,7 +118,7 @@ def _attempt(data: dict[str, Any], folder: Path) -> tuple[Config | None, dict[Ke
 
 
 def _with_nominal_friction(data: dict[str, Any]) -> dict[str, Any]:
-    """Where only an interval of friction is given, its middle is what the planner believes."""
+    """Return the data with the middle of an interval of friction as its nominal value, unless one is given."""
     uncertainty, contact = data.get("uncertainty"), data.get("contact") or {}
     intervals = uncertainty.get("friction") if isinstance(uncertainty, dict) else None
     if intervals is None or not isinstance(contact, dict) or contact.get("friction") is not None:
@@ -119,7 +134,7 @@ def _with_nominal_friction(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def _place(loc: Iterable[str | int], data: Any) -> Key:
-    """The part of a pydantic location that is in the data; the rest names alternatives of a union."""
+    """Return the part of a pydantic location that is in the data; the rest names alternatives of a union."""
     key: Key = ()
     for part in loc:
         inside = part in data if isinstance(data, dict) else isinstance(data, list) and part in range(len(data))
@@ -129,7 +144,7 @@ def _place(loc: Iterable[str | int], data: Any) -> Key:
 
 
 def _deepest(kinds: list[tuple[str, Key, Any]]) -> list[tuple[str, Key, Any]]:
-    """Without what a union says about a whole value where another alternative says which part of it is wrong."""
+    """Drop mistakes of a whole value if another alternative of its union names the part that is wrong."""
     places = [place for _, place, _ in kinds]
     return [
         (kind, place, loc)
@@ -156,7 +171,7 @@ def _message(kind: str, place: Key, loc: Any, data: Any) -> tuple[Key, str]:
 
 
 def _right(key: Key, value: Any) -> str:
-    """What would be right at a key: `expected a number above 0 in metres (radius of a cylinder)`."""
+    """Return the expectation at a key: `expected a number above 0 in metres (radius of a cylinder)`."""
     annotation, info = _type_at(key)
     if info is None:
         return f"expected {expected(annotation)}"
@@ -169,14 +184,14 @@ def _right(key: Key, value: Any) -> str:
 
 
 def _names(key: Key) -> tuple[str, ...]:
-    """Names of the fields of the section that a key is in."""
+    """Return the names of the fields of the section that a key is in."""
     parent, _ = _type_at(key[:-1])
     base = unwrap(choices(parent)[0])[0]
     return tuple(fields(base)) if isinstance(base, type) and issubclass(base, Section) else ()
 
 
 def _type_at(key: Key) -> tuple[Any, FieldInfo | None]:
-    """Type of the value at a key, and the field that it belongs to."""
+    """Return the type of the value at a key, and the field that it belongs to."""
     annotation: Any = Config
     info: FieldInfo | None = None
     for part in key:
@@ -208,7 +223,7 @@ def _depends(key: Key, bad: Key) -> bool:
 
 
 def _usable(data: dict[str, Any], own: dict[Key, str], folder: Path) -> tuple[Config | None, set[Key]]:
-    """A configuration without the parts that are wrong, to check the rest, and the keys that were left out."""
+    """Return a configuration without the parts that are wrong, to check the rest, and the keys that were left out."""
     left, doubtful, wrong = deepcopy(data), set[Key](), own
     for _ in range(20):
         places = {key: _written(left, key) for key in wrong}
@@ -223,7 +238,7 @@ def _usable(data: dict[str, Any], own: dict[Key, str], folder: Path) -> tuple[Co
 
 
 def _written(data: dict[str, Any], key: Key) -> Key:
-    """The value at a key, or the list around it, or the section that misses it; a top-level key in any case."""
+    """Return the key itself if its value can be removed, else the key of the list or section around it."""
     written: Key = key[:1]
     container: Any = data
     for i, part in enumerate(key):
@@ -234,7 +249,7 @@ def _written(data: dict[str, Any], key: Key) -> Key:
 
 
 def _remove(data: dict[str, Any], key: Key) -> None:
-    """Take out the value at a key; a placeholder takes the place of what a configuration cannot do without."""
+    """Remove the value at a key; a placeholder replaces a section that a configuration cannot do without."""
     container: Any = data
     for part in key[:-1]:
         container = container[part]

@@ -1,8 +1,8 @@
 """Cones of wrenches that a flat patch with Coulomb friction can transmit.
 
 A wrench is force then moment. A patch presses along the z axis of its own axes. Its contact forces are combinations of
-the edges of the friction cones at its corners; the cone of their wrenches has explicit facets, which are those of the
-hull of its section by unit normal force.
+the edges of the friction cones at its corners; the cone of their wrenches has explicit facets, one for each facet of
+the hull of its section by unit normal force.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from scipy.spatial import ConvexHull, QhullError
 from robustopt.arrays import Array, Flags, Indices
 
 MOST_GENERATORS = 128
-"""Edges of all friction cones of a patch up to which its facets are made: 588 for a rectangle at 16 edges, 1976 for a
-round patch of 8 points; at 192 generators there are 5556."""
+"""Largest number of edges of all friction cones of a patch for which its facets are made: a rectangle with 16 edges has
+588 facets, a round patch of 8 points 1976; 192 generators would make 5556."""
 
 FACET_TOLERANCE = 1e-8
-"""Part of the normal force by which a facet may cut off a generator; the hull code merges facets to about 1e-12."""
+"""Fraction of the normal force by which a facet may cut off a generator; the hull code is accurate to about 1e-12."""
 
 FACET_MERGE = 1e-9
-"""Facets whose unit normals agree to this are one facet that the hull code has triangulated."""
+"""Difference of unit normals below which two facets count as one, which the hull code has triangulated."""
 
 ABOVE = np.array([0.0, 0.0, 1.0])
-"""Point above a patch of unit size about which facets are compared, nearer to the centres of mass: in blocks of facets
-that are alike there, a third fewer may bind than in those alike about the patch's origin."""
+"""Point above a patch of unit size about which facets are compared, nearer to the centres of mass: with blocks of
+facets that are similar about this point, a third fewer may bind than with blocks similar about the patch's origin."""
 
 
 def about_point(point: Array) -> Array:
@@ -58,7 +58,7 @@ def wrench_generators(points: Array, mu: float, edges: int, axes: Array | None =
         points: contact points (n, 3) [m].
         mu: coefficient of friction.
         edges: number of edges of each friction cone.
-        axes: axes of the contact as columns (3, 3), its normal last; by default those of the points.
+        axes: axes of the contact as columns (3, 3), its normal last; by default the axes of the points.
 
     Returns:
         Wrenches about the origin, the edges of a point side by side, (6, n * edges).
@@ -130,9 +130,10 @@ def by_likeness(facets: Array, indices: Indices) -> Indices:
 
 
 def patch_cone(polygon: Array, edges: int) -> UnitCone | None:
-    """Return the unit cone of a patch (n, 2) about its own origin, or None if it is better not made.
+    """Return the unit cone of a patch (n, 2) about its own origin.
 
-    That is so for cones of many generators, whose facets are thousands, and if the hull code cannot resolve the cone.
+    Returns:
+        The cone, or None if it has too many generators, and so thousands of facets, or if the hull cannot be resolved.
     """
     if len(polygon) * edges > MOST_GENERATORS:
         return None
@@ -171,7 +172,7 @@ def scaled(cone: UnitCone, polygon: Array, mu: float) -> Array:
 
 
 def tipping_rows(rows: Array, generators: Array, edges: int) -> Flags:
-    """Return which rows (F, d) bound tipping over contact points, (F,).
+    """Return whether each row (F, d) bounds tipping over contact points, (F,).
 
     A row is the power of a motion of the body. If all friction edges of a contact point lie on it, the motion leaves
     that point where it is; if only some do, the point slides; the others lift off. A motion that lets points lift off

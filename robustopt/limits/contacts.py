@@ -25,7 +25,7 @@ from robustopt.limits.wrenches import Finger, with_forces
 from robustopt.scene.patches import Law, patches
 
 STANDARD_GRAVITY = 9.81
-"""Turns a mass into the weight of which contact rows are fractions, whatever the configured gravity [m/s^2]."""
+"""Gravity of the weights that scale contact rows, whatever the configured gravity [m/s^2]."""
 
 
 def contact_limits(
@@ -64,9 +64,16 @@ def _require_contacts(config: Config, laws: Mapping[str, ContactLaw]) -> None:
 def carried_limits(
     config: Config, track: Track, uncertainty: Uncertainty, systems: Sequence[ContactSystem]
 ) -> list[ContactLimit]:
-    """Return the limits of the contact systems of all that a robot carries.
+    """Return the limits of the contact systems of everything that a robot carries.
 
-    The moments of each object are about the nominal centre of mass of its load, where interval terms are small.
+    The moments of each object are about the nominal centre of mass of everything that it carries: interval terms are
+    small there.
+
+    Args:
+        config: the configuration.
+        track: the track.
+        uncertainty: the uncertain quantities.
+        systems: the contact systems.
     """
     everything = {body.name: body for body in uncertainty.bodies}
     found = []
@@ -136,7 +143,13 @@ def certain_soles(track: Track, uncertainty: Uncertainty) -> dict[str, Array]:
 
 
 def torque_limit(track: Track, uncertainty: Uncertainty, contacts: Sequence[ContactLimit]) -> TorqueLimit:
-    """Return the torque limits of the joints: with a floating base those of a legged robot, else of an arm."""
+    """Return the torque limits of the joints, of a legged robot or of an arm.
+
+    Args:
+        track: the track.
+        uncertainty: the uncertain quantities.
+        contacts: the limits of all contacts, stances first.
+    """
     robot = track.robot
     if not robot.base:
         payload = track.loads((uncertainty.bodies,), (np.zeros(3),), uncertainty.error)
@@ -150,7 +163,7 @@ def torque_limit(track: Track, uncertainty: Uncertainty, contacts: Sequence[Cont
 
 
 def _standing(track: Track, contacts: Sequence[ContactLimit]) -> Indices:
-    """Return the index of the stance of each grid point (P,), at a switch of the one with fewer contacts."""
+    """Return the index of the stance of each grid point (P,); at a switch, of the stance with fewer contacts."""
     standing = np.zeros(len(track.s), dtype=np.intp)
     for k in sorted(range(len(contacts)), key=lambda k: -len(track.path.stances[k].contacts)):
         standing[contacts[k].first : contacts[k].last + 1] = k

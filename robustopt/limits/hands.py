@@ -2,8 +2,8 @@
 
 Each hand presses the tray between a thumb on top and fingers below, like a gripper. The shares are fixed (see
 `robot.hands`), so every hand has explicit rows: a sharing that works is a proof that one exists. A mismatch of the
-hands' positions is an internal force between them, which uses up friction: with the largest one, S, the pads of each
-hand can still hold what they could with a closing force less by S / (2 mu), for S acts at the centre of the pads,
+hands' positions is an internal force between them, which uses up friction. With the largest one, S, the pads of each
+hand hold as much as they would without it and a closing force less by S / (2 mu), for S acts at the centre of the pads,
 across their normals.
 """
 

@@ -1,4 +1,4 @@
-"""Contact laws: which wrenches a contact can transmit, and what presses it together.
+"""Contact laws: the wrenches that a contact can transmit, and the force that presses it together.
 
 A wrench is extended by the force F that presses the part against the tool: the vacuum of a cup, the closing force of a
 gripper. In these coordinates (w, F) every law is a cone {G lambda, lambda >= 0} with rows A (w, F) <= 0:
@@ -50,8 +50,8 @@ class Link:
         patches: the patches.
         generators: edges of the friction cones, then the vacuum if there is one (d, k).
         edges_of_friction: number of the first kind.
-        rows: rows of the cone (F, d), or None if they are better not made.
-        tips: which rows bound tipping or peeling (F,).
+        rows: rows of the cone (F, d), or None if they are too many or cannot be resolved.
+        tips: whether each row bounds tipping or peeling (F,).
         twist: rows of the twist, if the pressure is prescribed (T, d).
     """
 
@@ -74,13 +74,13 @@ class Link:
 
     @property
     def names(self) -> tuple[LimitName, ...]:
-        """Return the limits that the contact imposes: of rows that do not tip, of those that do, of the twist."""
+        """Return the limits that the contact imposes: for rows that slip, rows that tip, and rows of the twist."""
         patch = self.patches[0]
-        where = patch.object, patch.support
+        place = patch.object, patch.support
         if patch.law is Law.FRICTION:
-            return LimitName(LimitKind.SLIP, *where), LimitName(LimitKind.TIPPING, *where)
+            return LimitName(LimitKind.SLIP, *place), LimitName(LimitKind.TIPPING, *place)
         if patch.law is Law.SUCTION:
-            return tuple(LimitName(kind, *where) for kind in (LimitKind.SLIP, LimitKind.PEEL, LimitKind.TWIST))
+            return tuple(LimitName(kind, *place) for kind in (LimitKind.SLIP, LimitKind.PEEL, LimitKind.TWIST))
         grip = LimitName(LimitKind.GRIP, patch.object)
         return grip, grip, LimitName(LimitKind.TWIST, patch.object, "pads")
 
@@ -131,7 +131,7 @@ def _into_patch(patch: Patch) -> Array:
 
 
 def _rows(patch: Patch, mu: float, edges: int) -> tuple[Array | None, Flags]:
-    """Return the rows of the friction cone of a patch, or None, and which of them tip."""
+    """Return the rows of the friction cone of a patch, or None, and whether each of them tips."""
     _, local = _centred(patch)
     cone = patch_cone(local, edges)
     if cone is None:
@@ -140,7 +140,7 @@ def _rows(patch: Patch, mu: float, edges: int) -> tuple[Array | None, Flags]:
 
 
 def _users(patch: Patch, generators: Array) -> Link:
-    """Return a contact with the law of a user, whose rows programs find."""
+    """Return a contact with the law of a user, for which programs find the rows."""
     return Link((patch,), generators, generators.shape[1], None, np.zeros(0, dtype=bool), NO_ROWS)
 
 
@@ -187,9 +187,9 @@ def _grip(driven: Patch, fixed: Patch, mu: tuple[float, float], edges: int) -> L
 
 @lru_cache(maxsize=64)
 def _grip_facets(driven: Patch, fixed: Patch, mu: tuple[float, float], edges: int) -> Array | None:
-    """Return the facets of the cone of two opposed pads in (w, F), scaled to -1 of F where nothing else is required.
+    """Return the facets of the cone of two opposed pads in (w, F), scaled to -1 at equal forces along all generators.
 
-    With n the normal of the fixed pad all generators have 2 F + n f = 1, so that is a section of the cone.
+    With n the normal of the fixed pad, all generators have 2 F + n f = 1, which makes a section of the cone.
     """
     corners = len(driven.polygon) + len(fixed.polygon)
     if corners * edges > MOST_GENERATORS:

@@ -1,46 +1,52 @@
-"""How contacts share a load: the smallest forces along the friction edges that make a wrench, for many loads at once.
+"""Sharing of wrenches: the smallest forces along the friction edges that supply a wrench, for many wrenches at once.
 
     minimise  1/2 sum_k lambda_k^2 / a_k + 1/(2 eps) |G lambda - w|^2   such that  lambda >= 0
 
-G holds the wrenches of the friction edges, w is the wrench to be made, and a_k how willingly edge k is used. The dual
-is an unconstrained concave program in six variables, max y w - 1/2 sum_k a_k max(0, G_k y)^2 - eps/2 |y|^2, solved for
-all loads together by Newton's method (our choice); its solution moves continuously with w and a.
+G holds the wrenches of the friction edges, w is the required wrench, and a_k the willingness of edge k. The dual is an
+unconstrained concave program in six variables, max y w - 1/2 sum_k a_k max(0, G_k y)^2 - eps/2 |y|^2, solved for all
+wrenches together by Newton's method (our choice). Its solution moves continuously with w and a.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from robustopt.arrays import Array
 from robustopt.config import FEET
 
-Array = np.ndarray
-
 SOFTNESS = 1e-10
-"""eps: how far, relative to the weight, the forces may miss the wrench; about a millionth where it is hard to make."""
+"""The eps of the program, relative to the weight: at the edge of the cone forces miss the wrench by about a
+millionth."""
 
 LENGTH = 0.1
 """Unit of length of the programs [m]: about half a foot."""
 
 STEPS, HALVINGS = 60, 12
-"""Newton steps and halvings of one; about ten steps are usual."""
+"""Largest numbers of Newton steps and of halvings of a step; about ten steps are usual."""
 
 DONE = 1e-9
-"""Residual of the dual's gradient, relative to the weight, at which an instant is solved."""
-
+"""Residual of the dual's gradient, relative to the weight, at which a program is solved."""
 
 HAND_SHARE = 0.2
-"""How willingly the edges of a hand are used, against 1 for those of a foot: arms are weaker than legs (our choice)."""
+"""Willingness of the edges of a hand, relative to 1 for a foot: arms are weaker than legs (our choice)."""
 
 
 def willingness(contact: str) -> float:
-    """The a_k of the edges of a contact that holds: a foot or a hand."""
+    """Return the a_k of the edges of a contact, a foot or a hand."""
     return 1.0 if contact in FEET else HAND_SHARE
 
 
 def distribute(generators: Array, shares: Array, wrench: Array, weight: float) -> tuple[Array, Array]:
-    """Forces along the generators (M, K) for wrenches (M, 6) [N, N m], and the miss (M,) as a fraction of the weight.
+    """Return the smallest forces along generators that supply some wrenches.
 
-    generators: (6, K), moments about a point between the contacts; shares: (M, K), the a of the program
+    Args:
+        generators: wrenches of the friction edges about a point between the contacts (6, K).
+        shares: willingness of each edge, the a of the program (M, K).
+        wrench: required wrenches about the same point (M, 6) [N, N m].
+        weight: weight of the robot, the unit of forces [N].
+
+    Returns:
+        Forces (M, K) [N], and the largest part of each wrench that they miss, as a fraction of the weight (M,).
     """
     scale = np.concatenate([np.ones(3), np.full(3, 1.0 / LENGTH)])
     G = (generators * scale[:, None]).T
@@ -65,7 +71,7 @@ def distribute(generators: Array, shares: Array, wrench: Array, weight: float) -
 
 
 def _step_lengths(G: Array, shares: Array, w: Array, y: Array, step: Array, gradient: Array) -> Array:
-    """Lengths (M,) of Newton steps, halved until the dual's value rises enough (Armijo's rule)."""
+    """Return the lengths of Newton steps (M,), halved until the dual's value rises enough (Armijo's rule)."""
     along, change = y @ G.T, step @ G.T
     rise = (gradient * step).sum(axis=1)
     length = np.ones(len(y))

@@ -109,7 +109,7 @@ class TimeScalingProblem:
         x_max: largest x, 0 at rest (P,).
         x_max_names: the velocity limit that bounds x (P,).
         feasible: whether any (u, x) satisfies the rows of the grid point (P,).
-        limits: the limits that the rows are made from.
+        limits: the limits, from which the rows are made.
         kept: names of the limits that count, None for all.
     """
 
@@ -136,7 +136,7 @@ class TimeScalingProblem:
 
     @property
     def facets(self) -> tuple[Array, ...]:
-        """Return the rows that each contact system is held to, as fractions of its weight, (F, d) each."""
+        """Return the rows of each contact system, as fractions of its weight, (F, d) each."""
         return tuple(limit.facets for limit in self.limits.contacts)
 
     @property
@@ -149,7 +149,7 @@ class TimeScalingProblem:
         return _with_rows(replace(self, limits=replace(self.limits, contacts=tuple(contacts))))
 
     def with_facets(self, facets: Sequence[Array]) -> TimeScalingProblem:
-        """Return the same problem with its contact systems held to other rows, (F, d) each."""
+        """Return the same problem with other rows of its contact systems, (F, d) each."""
         pairs = zip(self.limits.contacts, facets, strict=True)
         return self.with_contacts([limit.with_facets(rows) for limit, rows in pairs])
 
@@ -166,7 +166,7 @@ class TimeScalingProblem:
         return _with_rows(replace(self, kept=frozenset(names)))
 
     def counts(self, index: Indices) -> Flags:
-        """Return whether the limits with these numbers in `limits.names` are among those that count, (k,)."""
+        """Return whether the limits with these numbers in `limits.names` count, (k,)."""
         if self.kept is None:
             return np.ones(len(index), dtype=bool)
         return np.array([self.limits.names[k] in self.kept for k in index], dtype=bool)
@@ -192,7 +192,7 @@ def build_problem(
 ) -> TimeScalingProblem:
     """Return the time-scaling problem of a configuration.
 
-    A problem that has no solution is no error here: `solve` says so.
+    A problem without a solution is no error here: the status of the plan tells.
 
     Args:
         config: the configuration.
@@ -214,7 +214,7 @@ def track_of(config: Config) -> Track:
 
 
 def build_rows(config: Config, robot: Robot, path: Path) -> TimeScalingProblem:
-    """Return the problem of a configuration whose robot and path are at hand."""
+    """Return the problem of a configuration with a given robot and path."""
     return rows_along(build_track(config, robot, path), config)
 
 
@@ -224,7 +224,14 @@ def rows_along(
     limits: Sequence[LimitFactory] = (),
     laws: Mapping[str, ContactLaw] | None = None,
 ) -> TimeScalingProblem:
-    """Return the problem of a configuration whose robot, path and collocation points are those of a track."""
+    """Return the problem of a configuration on a given track.
+
+    Args:
+        track: robot, path and grid.
+        config: the configuration, with the same robot, path and number of collocation points.
+        limits: further limits, each made from the track.
+        laws: contact laws in place of the configured ones, by the name of the contact of an object.
+    """
     uncertainty = uncertainty_of(config, track.robot.n, track.robot.base)
     contacts = contact_limits(config, track, uncertainty, laws)
     torque = torque_limit(track, uncertainty, contacts)

@@ -2,8 +2,8 @@
 
 A stance is a phase of the path in which the same contacts rest in the same places: one foot or both, and a hand on a
 rail. The held body is the floating base; its required wrench, about the world's origin, must lie in the cone of all
-contact forces. There is a direction along which all these forces have a positive part, for level soles up; the facets
-of the cone are those of the hull of its section by unit force in that direction.
+contact forces. There is a direction along which all these forces have a positive part: up for level soles. The facets
+of the cone follow from the hull of its section by unit force in this direction.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def eroded_sole(points: Array, shift: float, name: str) -> Array:
 
     Args:
         points: contact points (k, 3) [m].
-        shift: largest distance of each from its place along x and y [m].
+        shift: largest distance of each from its nominal position along x and along y [m].
         name: name of the contact.
 
     Returns:
@@ -45,7 +45,7 @@ def eroded_sole(points: Array, shift: float, name: str) -> Array:
     if len(left) < 3 or area(left) < RESOLUTION**2:
         x, y = np.ptp(polygon, axis=0)
         size, most = f"{name}, {x:g} by {y:g} m", min(x, y) / 2
-        message = f"found {shift:g} m, which leaves nothing of {size}; expected less than {most:g} m"
+        message = f"found {shift:g} m, which leaves no certain part of {size}; expected less than {most:g} m"
         raise ConfigError(message, "uncertainty.contact_points")
     return left
 

@@ -1,7 +1,7 @@
 """Contact systems: held bodies and contacts whose forces must be found together.
 
 The required wrenches of the held bodies of a system, stacked, and the forces that press them against the tool must lie
-in a cone. Where an object hangs on one contact alone, everything that it carries loads that contact, and the cone has
+in a cone. If an object hangs on one contact alone, everything that it carries loads this contact, and the cone has
 explicit rows. A bridge, its supports, or a part with several cups form a cycle in the contact graph: their forces are
 statically indeterminate, so they are one system, and programs share the wrench (`solvers.force_program`).
 """
@@ -49,11 +49,11 @@ class ContactSystem:
             the system has d = 6 * len(objects) + len(pressed) coordinates.
         points: per held body the reference point of its moments, carrier frame (3,) [m].
         generators: edges of all friction cones and vacuums (d, k); their cone is what the contacts can supply.
-        edges_of_friction: which generators are friction edges (k,).
+        edges_of_friction: whether each generator is a friction edge (k,).
         facets: rows of the cone and of the twist, facets @ w <= 0, (F, d).
         complete: whether the rows describe the whole cone; else programs over the generators find more.
         kinds: index of the name of each row (F,).
-        names: limits that the system imposes; the first two are those of rows that slip and that tip.
+        names: limits that the system imposes; the first two are for rows that slip and rows that tip.
         edges: number of friction edges per contact point, which are neighbours among the generators.
         interfaces: names of the contacts.
         parts: contacts whose twist the programs must bound.
@@ -122,7 +122,7 @@ def object_systems(
     Args:
         config: the configuration.
         friction: coefficient of friction of each contact by its name.
-        shift: largest distance of each contact point from its place along x and y, by contact [m].
+        shift: largest distance of each contact point from its nominal position along x and y, by contact [m].
         laws: laws of a user, by the name of the contact.
     """
     left = [eroded(patch, shift.get(patch.name, 0.0)) for patch in patches(config)]
@@ -151,7 +151,7 @@ def _contacts(config: Config, name: str) -> int:
 
 
 def _is_tree(config: Config, name: str) -> bool:
-    """Return whether all that an object carries, itself included, hangs on this object's one contact alone."""
+    """Return whether an object and everything that it carries hang on the one contact of this object alone."""
     if _contacts(config, name) > 1:
         return False
     above = set(carried(config, name))
@@ -159,7 +159,7 @@ def _is_tree(config: Config, name: str) -> bool:
 
 
 def _groups(config: Config) -> list[tuple[str, ...]]:
-    """Return the objects whose contact forces must be found together: one each, or all that a cycle couples."""
+    """Return the groups of objects whose contact forces must be found together: single ones, and cycles."""
     trees = [name for name in config.objects if _is_tree(config, name)]
     groups: list[set[str]] = []
     for name in config.objects:
@@ -175,7 +175,7 @@ def _groups(config: Config) -> list[tuple[str, ...]]:
 
 
 def _loads(config: Config, name: str, group: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the bodies that one object of a group carries, apart from those that are themselves in the group."""
+    """Return the bodies that one object of a group carries, without other members of the group."""
     if len(group) == 1:
         return carried(config, name)
     direct = [other for other in config.objects if supports(config.objects[other]) == (name,) and other not in group]
@@ -187,7 +187,13 @@ def _loads(config: Config, name: str, group: tuple[str, ...]) -> tuple[str, ...]
 
 
 def system_of(link: Link, load: tuple[str, ...], edges: int) -> ContactSystem:
-    """Return the system of an object with a single contact, which carries all of a load."""
+    """Return the system of an object with a single contact.
+
+    Args:
+        link: the contact.
+        load: names of the bodies that it carries, the object included.
+        edges: number of edges of each friction cone.
+    """
     pressed = (link.object,) if link.pressed else ()
     facets, kinds = _explicit(link)
     return ContactSystem(
@@ -245,7 +251,7 @@ def _explicit(link: Link) -> tuple[Array, Indices]:
 
 
 def _balance(config: Config, group: tuple[str, ...], own: Sequence[Link]) -> LimitName:
-    """Return the name of the limit of a cycle: that the contacts of its bridges can balance them."""
+    """Return the name of the limit of a cycle: the contacts of its bridges must balance them."""
     below = {name: list(dict.fromkeys(_supports(link) for link in own if link.object == name)) for name in group}
     first, *others = [name for name in group if _contacts(config, name) > 1]
     more = "".join(f" and balance of {name} on {' and '.join(below[name])}" for name in others)

@@ -1,11 +1,11 @@
 """Twist of a patch whose pressure is prescribed: rows for `pressure: fixed`.
 
-How a normal force spreads over a patch is statically indeterminate. Where the load twists the patch about its normal, a
-cone that is free to choose the spread promises more than elastic lips or pads give. So the spread is prescribed: the
-normal force of each contact point is a linear function N_i of the wrench and of the force that presses the part against
-the tool, as elastic lips (cups) or uniform pads spread it. The tangential forces that then are possible form a
-Minkowski sum of friction polygons, and the forces across the normal and the moment about it, t = (f_x, f_y, m_z), must
-lie in it:
+The distribution of a normal force over a patch is statically indeterminate. If the patch is twisted about its normal, a
+cone that is free to choose the distribution promises more than elastic lips or pads give. So the distribution is
+prescribed: the normal force of each contact point is a linear function N_i of the wrench and of the force that presses
+the part against the tool, as of elastic lips (cups) or uniform pads. The tangential forces that are then possible form
+a Minkowski sum of friction polygons, and the forces across the normal and the moment about it, t = (f_x, f_y, m_z),
+must lie in it:
 
     y t <= mu sum_i N_i h(v_i(y)),   v_i(y) = (y_x, y_y) + y_z (-p_iy, p_ix),
 
@@ -26,10 +26,10 @@ import numpy as np
 from robustopt.arrays import Array
 
 SAME_CENTRE = 1e-9
-"""Rotation centres of a patch of unit size that are this near to each other are one."""
+"""Distance below which two rotation centres of a patch of unit size count as the same."""
 
 FARTHEST = 1e6
-"""Rotation centres farther away than this, in sizes of the patch, are at infinity: the motion is a slip."""
+"""Distance, in sizes of the patch, beyond which a rotation centre counts as infinitely far: the motion is a slip."""
 
 MOST_ROWS = 60_000
 """Rows above which friction polygons of fewer edges are taken: 55,552 for a lip of 8 points at 64 edges."""
@@ -111,7 +111,7 @@ def resistance(points: Array, y: Array, edges: int) -> Array:
 def cup_rows(points: Array, mu: float, edges: int) -> Array:
     """Return the twist rows of a cup with elastic normals, over its wrench and the vacuum force, (k, 7).
 
-    The normals are those of least squares that make the normal force f_z + F and the moments m_x, m_y of the wrench.
+    The normals have least squares among all that supply the normal force f_z + F and the moments m_x, m_y.
 
     Args:
         points: contact points about the centre of the lip, in the axes of the patch (n, 2) [m].
@@ -136,7 +136,7 @@ def cup_rows(points: Array, mu: float, edges: int) -> Array:
 def grip_rows(driven: Array, fixed: Array, mu: tuple[float, float], edges: int) -> Array:
     """Return the twist rows of a grip with uniform normals, over the wrench and the closing force, (k, 7).
 
-    The corners of the driven pad press with F / n each, those of the fixed pad with (F + f_z) / n.
+    Each of the n corners of the driven pad presses with F / n, each corner of the fixed pad with (F + f_z) / n.
 
     Args:
         driven: contact points of the driven pad in the plane of the fixed pad, about its centre (n, 2) [m].

@@ -1,1 +1,1 @@
-"""The scene: where the held bodies are, and what touches what."""
+"""Scene: places of the held bodies, and their contacts."""

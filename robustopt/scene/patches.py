@@ -1,4 +1,4 @@
-"""Contact patches: the flat places at which an object touches its support, its suction cups or its pads."""
+"""Contact patches: the flat areas at which an object touches its support, its suction cups or its pads."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Patch:
     The contact points are `origin + axes[:, :2] @ p` for the corners p of the polygon.
 
     Attributes:
-        name: name of the contact, which its friction and contact points are given for.
+        name: name of the contact, by which its friction and contact points are given.
         object: the object, on which the contact presses along its normal.
         support: the tray, the object below, or the tool: `cup`, `cup2`, `pad1`.
         polygon: corners in the plane of the patch, counter-clockwise (k, 2) [m].
@@ -63,7 +63,7 @@ class Patch:
         axes: axes of the patch as columns, the normal last, from the support into the object, carrier frame (3, 3).
         turn: yaw of the support against these axes, along which contact points may be off [rad].
         law: contact law.
-        fixed: whether the pressure is prescribed where the load twists the patch, see `limits.twist`.
+        fixed: whether the pressure is prescribed for a patch that is twisted, see `limits.twist`.
     """
 
     name: str
@@ -160,10 +160,17 @@ def _pads(name: str, body: ObjectConfig, hold: GripConfig, frame: Frame) -> Iter
 
 @lru_cache(maxsize=256)
 def eroded(patch: Patch, distance: float) -> Patch:
-    """Return the part of a patch that is left if each corner may be `distance` [m] off along x and y of the support.
+    """Return the certain part of a patch if each corner may be displaced along x and y of the support.
 
     Every displaced patch contains the eroded one, which for a rectangle is itself a displaced patch: the bound is
-    sound, and exact for rectangles (our choice). Its polygon is empty if nothing is left.
+    sound, and exact for rectangles (our choice).
+
+    Args:
+        patch: the patch.
+        distance: largest displacement of each corner along x and along y [m].
+
+    Returns:
+        The patch with a smaller polygon, which is empty if nothing is certain.
     """
     if distance == 0.0:
         return patch

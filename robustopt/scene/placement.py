@@ -1,8 +1,8 @@
-"""Where the objects are: each on its support, or held by the tool.
+"""Places of the objects, each on its support or held by the tool.
 
-All poses are in the carrier frame, which is rigid to the tool: the frame of the tray if there is one, else that of the
-tool. An object that the tool holds is the *root* of all objects that stand on it, as the tray is for the others. They
-stand upright on their root: along its z axis, with a yaw about it.
+All poses are in the carrier frame, which is rigid to the tool: the frame of the tray if there is one, else the frame of
+the tool. An object that the tool holds is the *root* of all objects that stand on it, as the tray is for the others.
+They stand upright on their root: along its z axis, with a yaw about it.
 """
 
 from __future__ import annotations
@@ -37,7 +37,12 @@ FACES: dict[str, tuple[Array, Array, Array]] = {
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """A frame in the carrier frame: its origin `position` (3,) [m], its axes as the columns of `rotation` (3, 3)."""
+    """A frame, given in the carrier frame.
+
+    Attributes:
+        position: its origin (3,) [m].
+        rotation: its axes as columns (3, 3).
+    """
 
     position: Array
     rotation: Array
@@ -74,7 +79,7 @@ class Placement:
 
 
 def supports(body: ObjectConfig) -> tuple[str, ...]:
-    """Return the names of what an object stands on: none if it is held, two for a bridge."""
+    """Return the names of the supports of an object: none if it is held, two for a bridge."""
     if body.on is None:
         return ()
     return (body.on,) if isinstance(body.on, str) else body.on
@@ -116,7 +121,7 @@ Solids = tuple[tuple[str, ObjectConfig], ...]
 
 
 def solids(config: Config) -> Solids:
-    """Return the names and shapes of the objects, without masses and forces, which do not move them."""
+    """Return the names and shapes of the objects, with standard masses and forces, on which places do not depend."""
     return tuple((name, _without_mass(body)) for name, body in config.objects.items())
 
 
@@ -137,7 +142,7 @@ def placements(config: Config) -> dict[str, Placement]:
 
 @lru_cache(maxsize=64)
 def placed(tray: TrayConfig | None, solids: Solids) -> dict[str, Placement]:
-    """Return the places of objects for `placements`, which are kept."""
+    """Return the places of objects by name, cached; see `placements`."""
     found, objects = {}, dict(solids)
     if tray is not None:
         found[TRAY] = Placement(np.zeros(3), np.eye(3), half_height(tray), TRAY, CARRIER, np.zeros(3), 0.0)
@@ -173,8 +178,13 @@ def _standing(body: ObjectConfig, below: list[Placement], found: Mapping[str, Pl
 
 
 def footprint(body: ObjectConfig, placement: Placement, points: int) -> Array:
-    """Return the outline of an object along the z axis of its root, root frame (k, 2); a round one has `points`
-    corners."""
+    """Return the outline of an object, seen along the z axis of its root, root frame (k, 2) [m].
+
+    Args:
+        body: the object.
+        placement: its place.
+        points: number of corners of a round outline.
+    """
     if body.size is not None:
         return rectangle(placement.planar, np.array(body.size), placement.yaw)
     assert body.radius is not None, "checked when the configuration was read"
@@ -198,7 +208,7 @@ def holding_frame(hold: HoldConfig, tool: Frame) -> Frame:
 
 
 def held_frame(body: ObjectConfig, tool: Frame) -> Frame:
-    """Return the frame of a held object from that of the tool, carrier frame."""
+    """Return the frame of a held object in the carrier frame, given the frame of the tool in it."""
     hold = _hold(body)
     return holding_frame(hold, tool) @ part_in_hold(body)
 

@@ -9,7 +9,7 @@ from robustopt.config.path_model import RailConfig
 from robustopt.geometry import contact_axes
 
 RAIL_EDGE, RAIL_HEIGHT = 0.01, 0.02
-"""A rail is this much wider than the palm on each side, and this high [m]."""
+"""Width of a rail beyond the palm on each side, and its height [m] (our choice)."""
 
 
 def rail_box(rail: RailConfig) -> tuple[Array, Array, Array]:

@@ -132,7 +132,7 @@ def _barrier(x, ds, slack, weight):
 
 @compiled()
 def polish(a, b, c, x_max, ds, feasible):
-    """Minimise the time from a feasible timing on.
+    """Find the minimum-time timing on some rows, starting from a feasible timing.
 
     If the slower timing has no slack, for example because the robot could not stand still, the rows are relaxed by
     RELAXED and the start is the feasible timing. If that has no slack either, it is returned with an infinite gap.
