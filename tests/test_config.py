@@ -243,7 +243,13 @@ WRONG_VALUES = [
         13,
         "did you mean upper? expected one of",
     ),
-    ("friction: [0.4, 0.6]", "contact_points: 0.04", "uncertainty.contact_points", 13, "expected less than half the size"),
+    (
+        "friction: [0.4, 0.6]",
+        "contact_points: 0.04",
+        "uncertainty.contact_points",
+        13,
+        "expected less than half the size",
+    ),
     (
         "friction: 0.5",
         "friction: {lower: 0.5}",
@@ -269,7 +275,13 @@ WRONG_VALUES = [
         6,
         "0.125 m for lower and 0.005 m for tray; expected two su",
     ),
-    ("on: lower, at: [0, 0]", "on: tray, at: [0.03, 0]", "objects.upper", 6, "it overlaps with lower; expected another `at`"),
+    (
+        "on: lower, at: [0, 0]",
+        "on: tray, at: [0.03, 0]",
+        "objects.upper",
+        6,
+        "it overlaps with lower; expected another `at`",
+    ),
     ("on: lower, at: [0, 0]", "on: lower, at: [0.2, 0]", "objects.upper.at", 6, "is off the upper face of lower"),
     (
         "on: lower, at: [0, 0]",

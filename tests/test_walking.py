@@ -493,7 +493,12 @@ def test_steps_that_are_wrong_are_not_taken_for_a_task_with_a_tray(steps: str, k
             "uncertainty.mass.torso",
             "does not contain the model's mass, 14",
         ),
-        ("uncertainty.contact_points=0.06", ConfigError, "uncertainty.contact_points", "leaves no certain part of left_foot"),
+        (
+            "uncertainty.contact_points=0.06",
+            ConfigError,
+            "uncertainty.contact_points",
+            "leaves no certain part of left_foot",
+        ),
         ("robot.limits={left_knee: {dry_friction: 1}}", RobotError, "robot.joint_friction", "joint_friction: false"),
         ("robot.model=tx90l", RobotError, "robot.model", "tx90l.xml has no free joint"),
         ("tray={size: [0.3, 0.3, 0.01], mass: 1}", RobotError, "robot.tool", "has no site or body 'flange'"),
