@@ -22,11 +22,10 @@ from timing import interleaved, machine_facts
 from robustopt.config.load import load_config
 from robustopt.processes import cores
 from robustopt.simulation import execute
-from robustopt.simulation.controller import gains_of, reference
-from robustopt.simulation.monte_carlo import CHUNK, Job, run_trials, simulate_trials
+from robustopt.simulation.execute import prepare
+from robustopt.simulation.monte_carlo import CHUNK, run_trials, simulate_trials
 from robustopt.simulation.simulation import CONTROL, Workspace
 from robustopt.solvers import Plan, solve
-from robustopt.solvers.trajectory import Trajectory
 
 ROOT = Path(__file__).resolve().parents[1]
 OVERRIDES = (
@@ -52,13 +51,11 @@ def plan_of(name: str, overrides: Sequence[str] = ()) -> Plan:
 
 def side_by_side(plan: Plan, repetitions: int) -> tuple[int, dict[str, np.ndarray]]:
     """Return the steps in a chunk of trials, and the seconds per chunk of a bare rollout and of the executor."""
-    config = plan.problem.config
-    assert config.execution is not None
-    planned = reference(Trajectory.from_plan(plan), config.execution.timestep, config.execution.hold)
-    job = Job(config, config.execution, gains_of(config, plan.problem.robot, planned.q[:1]), planned, config.seed)
+    job = prepare(plan)
+    planned = job.planned
     trials, workspace, threads = range(CHUNK), Workspace(), cores()
     prepared, record = simulate_trials(job, trials, threads, workspace)
-    model = prepared.scene.model(prepared.worlds[0])
+    model = job.world.model(prepared.parameters[0])
     shape = (CHUNK, len(planned.t), model.nu + 6 * model.nbody)
     control = workspace.array("control", shape).copy()
     data, kind = mujoco.MjData(model), mujoco.mjtState.mjSTATE_FULLPHYSICS

@@ -71,7 +71,7 @@ def timing(config: Config, path: Any, u: np.ndarray) -> Any:
     s = np.linspace(0.0, 1.0, len(u) + 1)
     x = np.concatenate([[0.0], np.cumsum(2.0 * np.diff(s) * u)])
     x[-1] = 0.0 if abs(x[-1]) < 1e-12 else x[-1]
-    problem = SimpleNamespace(path=path, robot=load_robot(config), config=config)
+    problem = SimpleNamespace(path=path, robot=load_robot(config), config=config, limits=SimpleNamespace(laws={}))
     return SimpleNamespace(s=s, piece=np.zeros(len(s), dtype=np.intp), x=x, u=u, problem=problem)
 
 
@@ -373,7 +373,7 @@ def test_load_torque_against_a_model_with_the_load_in_it() -> None:
     _, joints = motion(plan, at)
     error = rng.normal(size=(6, len(at.s))) * at.free
     values = replace(world.nominal.repeated(len(at.s)), error=error)
-    own = torques(world, joints, at.free, body_loads(world, moving, values), error).T
+    own = torques(world, joints, at.free, body_loads(world, moving, values), values).T
     qdd = (joints.acceleration + error).T
     np.testing.assert_allclose(own, _with_load(robot, world, joints.position.T, joints.velocity.T, qdd), atol=1e-9)
 

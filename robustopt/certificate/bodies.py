@@ -80,10 +80,11 @@ def fingers(config: Config, patches: Sequence[Patch]) -> dict[int, Body]:
     """Return the driven fingers that have a mass, as points at their pads, by the index of their patch."""
     found = {}
     for index, patch in enumerate(patches):
-        held_by = config.objects[patch.object].held_by if patch.law is Law.DRIVEN_PAD else None
-        if held_by is not None and held_by.grip is not None and held_by.grip.finger_mass > 0.0:
-            name, mass = f"finger of {patch.object}", held_by.grip.finger_mass
-            found[index] = Body(name, CARRIER, mass, patch.origin, np.eye(3), np.zeros((3, 3)), False)
+        own = config.objects.get(patch.object) if patch.law is Law.DRIVEN_PAD else None
+        if own is not None and own.held_by is not None and own.held_by.grip is not None:
+            name, mass = f"finger of {patch.object}", own.held_by.grip.finger_mass
+            if mass > 0.0:
+                found[index] = Body(name, CARRIER, mass, patch.origin, np.eye(3), np.zeros((3, 3)), False)
     return found
 
 
@@ -92,7 +93,8 @@ class Parameters:
     """Values of all that may be uncertain; any axes may follow those named here.
 
     mass: (B,) [kg]; com: (B, 3) displacement of the centre of mass, body axes [m]
-    friction: (I,) of each contact; force: (I,) vacuum or closing force of each contact, 0 for the others [N]
+    friction: (I,) of each contact
+    force: (I + 1,) vacuum or closing force of each contact, 0 for the others, and the internal force of hands [N]
     shift: (2, Q) displacement of each contact point, axes of its support [m]
     error: (n,) acceleration error of all coordinates [rad/s^2 or m/s^2]
     """

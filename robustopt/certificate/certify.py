@@ -23,7 +23,8 @@ from robustopt.certificate.tally import Found, Tally
 from robustopt.certificate.world import World, build_world, contact_points
 from robustopt.certificate.worst import Thoroughness, check_contacts
 from robustopt.config import Config
-from robustopt.errors import SolverFailed
+from robustopt.errors import ConfigError, SolverFailed
+from robustopt.limits.names import LimitName
 from robustopt.solvers import Plan
 from robustopt.solvers.same_task import require_same_task
 
@@ -91,7 +92,7 @@ class Worst:
         joint_acceleration (error [rad/s^2 or m/s^2]), each by name, as far as they are uncertain or matter
     """
 
-    limit: str
+    limit: LimitName
     margin: float
     s: float
     t: float
@@ -122,7 +123,7 @@ class Certificate:
     passed: bool
     margin: float
     worst: Worst
-    margins: Mapping[str, Margin]
+    margins: Mapping[LimitName, Margin]
     level: str
     seed: int
     samples: int
@@ -163,7 +164,7 @@ def certify(plan: Plan, level: str = "quick", seed: int = 0, config: Config | No
         The certificate, which says whether the plan keeps its limits.
 
     Raises:
-        ConfigError: the configuration is of another task than the plan.
+        ConfigError: the configuration is of another task than the plan, or the plan has a contact law of a user.
         SolverFailed: the plan has no timing or not a finite one.
         ValueError: there is no such level.
     """
@@ -175,6 +176,8 @@ def certify(plan: Plan, level: str = "quick", seed: int = 0, config: Config | No
         raise SolverFailed(f"there is no timing to check: {getattr(plan, 'message', 'the plan is empty')}")
     if not (np.isfinite(plan.x).all() and np.isfinite(plan.u).all()):
         raise SolverFailed("the timing has numbers that are not finite")
+    for contact in plan.problem.limits.laws:
+        raise ConfigError(f"{contact} has a contact law of its own, which a certificate does not know", "objects")
     began = time.perf_counter()
     config, how = config or plan.problem.config, LEVELS[level]
     intervals = int(np.count_nonzero(np.diff(plan.s) > 0.0))
@@ -276,8 +279,8 @@ def _worst(tally: Tally, at: Instants) -> Worst:
     return Worst(found.limit, 1.0 - found.utilisation, *place, dict(found.parameters))
 
 
-def _margins(tally: Tally) -> dict[str, Margin]:
-    def margin(limit: str, on_grid: bool) -> float:
+def _margins(tally: Tally) -> dict[LimitName, Margin]:
+    def margin(limit: LimitName, on_grid: bool) -> float:
         found = tally.worst.get((limit, on_grid))
         return np.inf if found is None else 1.0 - found.utilisation
 

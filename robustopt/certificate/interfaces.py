@@ -37,7 +37,7 @@ def interface_utilisation(config: Config, plan: Plan) -> tuple[Array, dict[str, 
     result = {}
     for system in world.systems:
         if system.at is None and system.simple and not system.pull.any():
-            result[world.contacts[system.contacts[0]].name] = _slip_and_tipping(world, system, there)
+            result[system.name.removeprefix("contact of ")] = _slip_and_tipping(world, system, there)
         elif system.at is None:
             values = world.nominal.repeated(len(moving))
             result[system.name] = balance(world, system, there, values, GAP).value, np.full(len(moving), np.nan)

@@ -11,11 +11,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from robustopt.arrays import Array, Indices
-from robustopt.certificate import names
+from robustopt.certificate.bodies import Parameters
 from robustopt.certificate.loads import Functional, Load, at_lowest, body_loads
 from robustopt.certificate.motion import Joints, Motion
 from robustopt.certificate.tally import Found, Tally
 from robustopt.certificate.world import World
+from robustopt.limits.names import LimitKind, LimitName
 from robustopt.robot.joint_limits import JointLimits
 
 
@@ -28,12 +29,14 @@ def check_kinematics(world: World, joints: Joints, free: Array, limits: JointLim
     chosen = np.where(above > -below, upper, lower)
     velocity = np.abs(joints.velocity) / limits.velocity[motors, None]
     position = _position(joints.position, limits.lower[motors, None], limits.upper[motors, None])
-    for kind, utilisation in (("position", position), ("velocity", velocity), ("acceleration", acceleration)):
+    for kind, utilisation in (
+        (LimitKind.POSITION, position), (LimitKind.VELOCITY, velocity), (LimitKind.ACCELERATION, acceleration),
+    ):  # fmt: skip
         for j, joint in enumerate(world.joints[motors]):
-            wrong = kind == "acceleration" and (lower[j] or upper[j])
+            wrong = kind is LimitKind.ACCELERATION and (lower[j] or upper[j])
             for t in tally.peaks(utilisation[j]):
                 parameters = {"joint_acceleration": {joint: float(chosen[j, t])}} if wrong else {}
-                name = names.joint_limit(joint, kind)
+                name = LimitName(kind, joint)
                 tally.add(name, Found(float(utilisation[j, t]), t, name, parameters))
         tally.tests += utilisation.size
 
@@ -50,11 +53,12 @@ def _position(position: Array, low: Array, high: Array) -> Array:
     return np.where(both, np.abs(position - middle) / half, np.maximum(0.0, 1.0 + beyond))
 
 
-def torques(world: World, joints: Joints, free: Array, loads: Sequence[Load], error: Array) -> Array:
-    """Return the joint torques (m, ...) [N m or N] for the wrenches of all bodies and acceleration errors (n, ...).
+def torques(world: World, joints: Joints, free: Array, loads: Sequence[Load], values: Parameters) -> Array:
+    """Return the joint torques (m, ...) [N m or N] for the wrenches of all bodies with the values at hand.
 
     Joints that do not move count with their dry friction on the worse side.
     """
+    error, squeeze = values.error, values.force[-1]
     shape = np.broadcast_shapes(error.shape[1:], joints.torque.shape[1:])
     torque = np.broadcast_to(joints.torque, (len(joints.torque), *shape)).copy()
     for body, (rest, move) in zip(world.bodies, loads, strict=True):
@@ -64,6 +68,8 @@ def torques(world: World, joints: Joints, free: Array, loads: Sequence[Load], er
     for other, value in enumerate(error):
         if np.any(value):
             torque += joints.inertia[:, other] * (free * value)
+    if np.any(squeeze):
+        torque += joints.squeeze * squeeze
     if np.any(joints.sticking):
         torque += joints.sticking * np.where(torque < 0.0, -1.0, 1.0)
     return torque
@@ -86,7 +92,7 @@ def check_torque(
     """
     start = world.nominal.repeated(len(motion.free))
     for j, joint in enumerate(world.joints[world.base :]):
-        name = names.joint_limit(joint, "torque")
+        name = LimitName(LimitKind.TORQUE, joint)
         one = joints.only(j)
         for sign in (1.0, -1.0):
             values = start
@@ -97,8 +103,9 @@ def check_torque(
                     if body.payload
                 ]
                 values = at_lowest(world, motion, start, functionals, -sign * one.inertia[0])
+                values.force[-1] = np.where(sign * one.squeeze[0] > 0.0, world.upper.force[-1], world.lower.force[-1])
             loads = body_loads(world, motion, values)
-            utilisation = np.abs(torques(world, one, motion.free, loads, values.error))[0] / limits[j]
+            utilisation = np.abs(torques(world, one, motion.free, loads, values))[0] / limits[j]
             for t in tally.peaks(utilisation, at):
                 found = world.describe(values.at(t), None)
                 tally.add(name, Found(float(utilisation[t]), int(t if at is None else at[t]), name, found))

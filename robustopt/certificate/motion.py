@@ -145,6 +145,7 @@ class Joints(Series):
     torque: (m, T) of the links and joint friction, without payload; inertia: (m, n, T) its change per acceleration
     to_torque: (m, 6, T) by frame, for a wrench about its origin
     sticking: (m, T) dry friction of joints that do not move, of either sign
+    squeeze: (m, T) per internal force between the first two hands, from the second to the first
     pulls: (m, 6, T) by environment contact, torque that its wrench about the world's origin takes over
     """
 
@@ -155,6 +156,7 @@ class Joints(Series):
     inertia: Array
     to_torque: Mapping[str, Array]
     sticking: Array
+    squeeze: Array
     pulls: Mapping[str, Array]
 
     def only(self, j: int) -> Joints:
@@ -209,6 +211,7 @@ def motion(plan: Plan, at: Instants, links: Sequence[str] = ()) -> tuple[Motion,
         inertia=inertia[base:],
         to_torque=to_torque,
         sticking=np.where(q1 == 0.0, dry, 0.0),
+        squeeze=_squeeze(robot, found, at),
         pulls=pulls,
     )
     return moving, joints
@@ -229,6 +232,24 @@ def _carrier(found: Dynamics, nodes: list[Array], at: Instants, base: int) -> tu
         to_base=_last(_to_world(own.position, own.rotation)[:, :base], at),
     )
     return frame, np.swapaxes(frame.jacobian[:, base:], 0, 1)
+
+
+def between_hands(robot: Robot) -> Array:
+    """Return the wrench (6,) of a unit force on the tray along the line from its second to its first hand.
+
+    Carrier axes, about the origin of the carrier; it is that of the first hand, and the second has the opposite.
+    """
+    first, second = robot.hands[0].point, robot.hands[1].point
+    line = (first - second) / np.linalg.norm(first - second)
+    return np.concatenate([line, np.cross(first, line)])
+
+
+def _squeeze(robot: Robot, found: Dynamics, at: Instants) -> Array:
+    """Return the joint torques (m, T) per internal force between two hands, 0 for one tool."""
+    hands = found.carrier.hands if found.carrier is not None else None
+    if hands is None:
+        return np.zeros((robot.n - robot.base, len(at.s)))
+    return _last(between_hands(robot) @ (hands[0] - hands[1])[:, :, robot.base :], at)
 
 
 def _to_world(position: Array, rotation: Array) -> Array:

@@ -1,55 +1,56 @@
-"""Names of limits, systems and contacts, in the words of the configuration."""
+"""Names of the limits that a certificate looks at."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 from robustopt.config import Config
+from robustopt.limits.names import LimitKind, LimitName
 from robustopt.path import Stance
 from robustopt.scene.patches import Law, Patch
-from robustopt.scene.placement import supports
+from robustopt.scene.placement import TRAY, supports
 
-TIMING = "timing"
+TIMING = LimitName(LimitKind.TIMING, "timing")
 """Name of the limit that x and u belong together and the robot starts, stops and ends at rest."""
 
-IN_PLACE = "contacts in place"
+IN_PLACE = LimitName(LimitKind.PLACE, "contacts")
 """Name of the limit that environment contacts rest where the path has them."""
 
 
-def joint_limit(joint: str, kind: str) -> str:
-    """Return the name of a limit of a joint: position, velocity, acceleration or torque."""
-    return f"{joint} {kind}"
+def object_system(config: Config, group: Sequence[str], patches: Sequence[Patch]) -> LimitName:
+    """Return the name of the contact system of some objects, held by some patches."""
+    below = {name: supports(config.objects[name]) for name in group}
+    for patch in patches:
+        if patch.law is Law.SUCTION:
+            below[patch.object] = (*below[patch.object], patch.support)
+    first, *others = [name for name in group if len(below[name]) > 1] or [""]
+    if first:
+        more = "".join(f" and balance of {name} on {' and '.join(below[name])}" for name in others)
+        return LimitName(LimitKind.BALANCE, first, " and ".join(below[first]) + more)
+    patch = patches[0]
+    if patch.law in (Law.FRICTION, Law.SUCTION):
+        return LimitName(LimitKind.CONTACT, patch.object, patch.support)
+    return failure(LimitKind.GRIP, patch)
 
 
-def contact_name(patch: Patch) -> str:
-    """Return the name of a contact among parameters: of the two bodies, or its own if a tool holds the object."""
-    return f"{patch.object} on {patch.support}" if patch.law is Law.FRICTION else patch.name
-
-
-def object_system(config: Config, group: Sequence[str], patches: Sequence[Patch]) -> str:
-    """Return the name of the contact system of some objects."""
-    if len(group) == 1:
-        return f"contact of {_where(patches)}"
-    bridges = [name for name in group if len(supports(config.objects[name])) > 1]
-    return " and ".join(f"balance of {name} on {' and '.join(supports(config.objects[name]))}" for name in bridges)
-
-
-def stance_system(stance: Stance) -> str:
+def stance_system(stance: Stance) -> LimitName:
     """Return the name of the contact system of the floating base in a stance."""
     alone = len(stance.contacts) == 1
-    return f"contact of {stance.contacts[0] if alone else stance.words}"
+    return LimitName(LimitKind.CONTACT, stance.contacts[0] if alone else stance.words)
 
 
-def failure(kind: str, patches: Sequence[Patch]) -> str:
-    """Return the name of a limit of a single support or hold: slip, tipping or twist."""
-    over = "over" if kind == "tipping" and patches[0].law is Law.FRICTION else "on"
-    return f"{kind} of {_where(patches, over)}"
+def failure(kind: LimitKind, patch: Patch) -> LimitName:
+    """Return the name of a limit of a single support, lip or pair of pads, in the words of its law.
 
-
-def _where(patches: Sequence[Patch], on: str = "on") -> str:
-    patch = patches[0]
+    Args:
+        kind: slip, tipping or twist.
+        patch: the patch, the driven one of two pads.
+    """
     if patch.law is Law.FRICTION:
-        return f"{patch.object} {on} {patch.support}"
+        return LimitName(kind, patch.object, patch.support)
     if patch.law is Law.SUCTION:
-        return f"{patch.object} on {'its cup' if len(patches) == 1 else 'its cups'}"
-    return f"{patch.object} in its grip"
+        return LimitName(LimitKind.PEEL if kind is LimitKind.TIPPING else kind, patch.object, patch.support)
+    hand = patch.support if patch.object == TRAY else ""
+    if kind is LimitKind.TWIST:
+        return LimitName(kind, patch.object, hand or "pads")
+    return LimitName(LimitKind.GRIP, patch.object, hand)

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from robustopt.arrays import Array, Indices
-from robustopt.certificate import names
 from robustopt.certificate.balance import certainly_held, gauge_of, required
 from robustopt.certificate.bodies import Parameters
 from robustopt.certificate.contact_points import even_pressure
@@ -19,6 +18,7 @@ from robustopt.certificate.systems import System
 from robustopt.certificate.tally import Found, Tally
 from robustopt.certificate.world import World
 from robustopt.certificate.worst import report
+from robustopt.limits.names import LimitKind, LimitName
 
 CHUNK = 8192
 """Samples times instants that are looked at together."""
@@ -135,23 +135,26 @@ class _Chunk:
         loads = body_loads(self.world, wide, self.wide)
         for part in known:
             at = everywhere if part.at is None else part.at
-            error, own = self.wide.error[..., at], [(rest[..., at], move[..., at]) for rest, move in loads]
-            torque = torques(self.world, part.joints.widened(), self.motion.free[at], own, error)
+            values, own = self._values(at), [(rest[..., at], move[..., at]) for rest, move in loads]
+            torque = torques(self.world, part.joints.widened(), self.motion.free[at], own, values)
             self._tell_torque(np.abs(torque) / part.limits[:, None, None], at)
         for system in self.world.systems:
             if system.simple:
                 there, own, values, at = wide, loads, self.wide, everywhere
                 if system.at is not None:
-                    at, there = system.at, wide.at(system.at)
+                    at, there, values = system.at, wide.at(system.at), self._values(system.at)
                     own = [(rest[..., at], move[..., at]) for rest, move in loads]
-                    values = replace(values, error=values.error[..., at])
                 rest, move = np.broadcast_arrays(*required(self.world, system, there, own, values))
                 self._check_simple(system, rest, move, at)
+
+    def _values(self, at: Indices) -> Parameters:
+        """Return the samples at some instants."""
+        return replace(self.wide, error=self.wide.error[..., at])
 
     def _tell_torque(self, utilisation: Array, at: Indices) -> None:
         self.tally.tests += utilisation.size
         for j, joint in enumerate(self.world.joints[self.world.base :]):
-            name = names.joint_limit(joint, "torque")
+            name = LimitName(LimitKind.TORQUE, joint)
             worst = utilisation[j].max(axis=0)
             news = worst > self.tally.threshold(name)[at]
             for t in self.tally.peaks(np.where(news, worst, -np.inf), at) if news.any() else ():

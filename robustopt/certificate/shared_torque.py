@@ -8,7 +8,6 @@ import numpy as np
 from scipy.optimize import linprog
 
 from robustopt.arrays import Array, Indices
-from robustopt.certificate import names
 from robustopt.certificate.balance import required_by_base
 from robustopt.certificate.bodies import Parameters
 from robustopt.certificate.contact_points import Contacts
@@ -19,6 +18,7 @@ from robustopt.certificate.systems import System
 from robustopt.certificate.tally import Found, Tally
 from robustopt.certificate.world import World
 from robustopt.errors import SolverFailed
+from robustopt.limits.names import LimitKind, LimitName
 
 EDGES = 32
 """Edges of the friction cones in the programs for the torques: inside the exact cones."""
@@ -53,18 +53,20 @@ def check_shared_torque(
     values = replace(values.at(kept), shift=np.repeat(_inward(world)[..., None], len(kept), axis=2))
     motion, joints = motion.at(chosen), joints.at(chosen)
     loads = body_loads(world, motion, values)
-    torque = torques(world, joints, motion.free, loads, values.error)
     rows = system.loads[0].matrix @ required_by_base(world, motion, loads, values.error)
     contacts = system.contact_points(values.friction, values.shift)
-    utilisation = np.empty_like(torque)
-    for t in range(len(chosen)):
-        generators, pull = _generators(world, system, contacts[np.array([t])], joints.at(np.array([t])))
-        pull = pull / limits[:, None]
-        share = _sharing(generators, pull, rows[:, t], torque[:, t] / limits)
-        utilisation[:, t] = np.abs(torque[:, t] / limits - pull @ share)
+    utilisation = np.zeros((len(limits), len(chosen)))
+    for squeeze in {world.lower.force[-1], world.upper.force[-1]}:
+        values.force[-1] = squeeze
+        torque = torques(world, joints, motion.free, loads, values) / limits[:, None]
+        for t in range(len(chosen)):
+            generators, pull = _generators(world, system, contacts[np.array([t])], joints.at(np.array([t])))
+            pull = pull / limits[:, None]
+            share = _sharing(generators, pull, rows[:, t], torque[:, t])
+            utilisation[:, t] = np.maximum(utilisation[:, t], np.abs(torque[:, t] - pull @ share))
     at = system.at[chosen]
     for j, joint in enumerate(world.joints[world.base :]):
-        name = names.joint_limit(joint, "torque")
+        name = LimitName(LimitKind.TORQUE, joint)
         for t in tally.peaks(utilisation[j], at):
             words = world.describe(values.at(t), None)
             tally.add(name, Found(float(utilisation[j, t]), int(at[t]), name, words))

@@ -16,6 +16,7 @@ from robustopt.arrays import Array, Indices
 from robustopt.certificate.contact_points import Contacts, Face, inner_direction
 from robustopt.certificate.twist import Hold, lip_pressure, pad_pressure
 from robustopt.geometry import contact_axes, rotation
+from robustopt.limits.names import LimitName
 from robustopt.scene.patches import Law, Patch
 
 FLAT = 1e-12
@@ -55,14 +56,14 @@ class System:
     friction, points: indices of the contact and of the displacement of each of its points, (n,)
     point: (3, n) contact points without displacement; turn: (3, 2, n) their change per displacement
     loads: what its bodies require
-    pull: (rows, I) required rows per vacuum or closing force
+    pull: (rows, I + 1) required rows per vacuum, closing or internal force
     inside: (rows,) see `contact_points.inner_direction`
     holds: its holds with prescribed pressure
     at: indices of the instants at which the floating base is its block, None if it is not
     polygon: factor of friction, see `twist.Hold`
     """
 
-    name: str
+    name: LimitName
     contacts: tuple[int, ...]
     faces: tuple[Face, ...]
     friction: Indices
@@ -193,12 +194,12 @@ def scale_of(placed: Sequence[Placed], force: float, sole: float | None = None) 
 
 
 def make_system(
-    name: str,
+    name: LimitName,
     placed: Sequence[Placed],
     blocks: Sequence[tuple[int, ...]],
     fingers: Mapping[int, int],
     scale: Scale,
-    contacts: int,
+    forces: int,
     polygon: float,
     at: Indices | None = None,
 ) -> System:
@@ -210,13 +211,13 @@ def make_system(
         blocks: indices of the bodies of each block.
         fingers: index of the body of the driven finger by contact, if it has a mass.
         scale: its axes and units.
-        contacts: number of all contacts.
+        forces: number of vacuum, closing and internal forces.
         polygon: factor of friction, see `twist.Hold`.
         at: instants at which the floating base is its block, None if it is not.
     """
     faces = _faces(placed, scale)
     rows = 6 * len(blocks) + sum(face.closing >= 0 for face in faces)
-    loads, pull = [], np.zeros((rows, contacts))
+    loads, pull = [], np.zeros((rows, forces))
     for k, bodies in enumerate(blocks):
         loads.append(Load(bodies, np.zeros((rows, 6))))
         loads[k].matrix[6 * k : 6 * k + 6] = scale.unit

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from robustopt.arrays import Array, Flags, Indices
+from robustopt.limits.names import LimitName
 
 
 @dataclass(frozen=True)
@@ -16,7 +17,7 @@ class Found:
 
     utilisation: float
     instant: int
-    limit: str
+    limit: LimitName
     parameters: Mapping[str, object]
 
 
@@ -25,16 +26,16 @@ class Tally:
     """Collection of the worst of every limit; `grid` (T,) is True at instants that are grid points."""
 
     grid: Flags
-    worst: dict[tuple[str, bool], Found] = field(default_factory=dict)
+    worst: dict[tuple[LimitName, bool], Found] = field(default_factory=dict)
     tests: int = 0
 
-    def threshold(self, limit: str) -> Array:
+    def threshold(self, limit: LimitName) -> Array:
         """Return the utilisation of a limit that a new one must exceed, (T,)."""
         found = {grid: self.worst.get((limit, grid)) for grid in (True, False)}
         values = {grid: -np.inf if item is None else item.utilisation for grid, item in found.items()}
         return np.where(self.grid, values[True], values[False])
 
-    def add(self, key: str, found: Found) -> None:
+    def add(self, key: LimitName, found: Found) -> None:
         """Keep a utilisation of the limit `key` if it is the worst of its kind so far."""
         place = (key, bool(self.grid[found.instant]))
         if place not in self.worst or found.utilisation > self.worst[place].utilisation:

@@ -186,7 +186,7 @@ def _best(hold: Hold, normals: Array, twists: Array, y: Array) -> tuple[Array, A
 
 
 def _climb(hold: Hold, normals: Array, twists: Array, y: Array, worst: Array) -> tuple[Array, Array]:
-    """Return the largest ratio near rates y (3, T), and its rate: tries eight sides, and the top of a parabola there."""
+    """Return the largest ratio near rates y (3, T), and its rate, by eight sides and the top of a parabola there."""
     angle = 2.0 * np.pi * np.arange(SIDES) / SIDES
     side = np.stack([np.cos(angle), np.sin(angle)])[:, :, None]
     for step in STEPS:

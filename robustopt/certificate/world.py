@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from robustopt.arrays import Array, Indices
 from robustopt.certificate import names
 from robustopt.certificate.bodies import Body, Parameters, fingers, links, payload
-from robustopt.certificate.systems import Placed, System, make_system, scale_of
+from robustopt.certificate.motion import CARRIER, between_hands
+from robustopt.certificate.systems import Load, Placed, System, make_system, scale_of
 from robustopt.config import Config
 from robustopt.config.per_name import value_of
+from robustopt.limits.hands import hand_patches
+from robustopt.limits.names import LimitKind, LimitName
 from robustopt.path import Path
 from robustopt.robot import Robot
 from robustopt.scene.patches import Law, Patch, patches
@@ -43,8 +46,9 @@ class Contact:
 
     @property
     def name(self) -> str:
-        """Return its name among parameters."""
-        return names.contact_name(self.patch) if self.patch.object else self.patch.name
+        """Return its name among parameters: of the two bodies, or its own."""
+        stands = self.patch.law is Law.FRICTION and self.patch.object
+        return f"{self.patch.object} on {self.patch.support}" if stands else self.patch.name
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +100,7 @@ class World:
                 if system is not None or low.friction[i] < high.friction[i]
             },
             "force": {self.contacts[i].name: float(values.force[i]) for i in own if low.force[i] < high.force[i]},
+            "squeeze": {"hands": float(values.force[-1])} if low.force[-1] < high.force[-1] else {},
             "mass": {
                 body.name: float(values.mass[b]) for b, body in enumerate(self.bodies) if low.mass[b] < high.mass[b]
             },
@@ -125,7 +130,7 @@ def build_world(config: Config, robot: Robot, path: Path, stance: Indices) -> Wo
         path: the path.
         stance: (T,) stance of each instant, see `motion.stances`.
     """
-    held = _patches(config)
+    held = [*_patches(config), *hand_patches(config, robot.hands)]
     resting = [_resting(robot, name) for name in robot.contacts]
     contacts, first = [], 0
     for patch in (*held, *resting):
@@ -135,7 +140,8 @@ def build_world(config: Config, robot: Robot, path: Path, stance: Indices) -> Wo
     bodies = (*payload(config), *links(config, robot), *own_fingers.values())
     nominal, lower, upper = _intervals(config, robot, bodies, contacts)
     scene = _Scene(config, bodies, contacts, upper.friction, {k: bodies.index(it) for k, it in own_fingers.items()})
-    systems = [*(scene.objects(group) for group in _groups(config)), *scene.stances(robot, path, stance)]
+    systems = [*(scene.objects(group) for group in _groups(config)), *scene.hands(robot)]
+    systems += scene.stances(robot, path, stance)
     return World(bodies, tuple(contacts), tuple(systems), robot.joint_names, robot.base, nominal, lower, upper)
 
 
@@ -213,6 +219,23 @@ class _Scene:
         name = names.object_system(self.config, group, [item.patch for item in placed])
         return self._system(name, placed, blocks, force)
 
+    def hands(self, robot: Robot) -> Iterator[System]:
+        """Yield the systems of the hands that hold a tray, each with its share of all that the tray carries.
+
+        An internal force acts between the first two.
+        """
+        payload = tuple(b for b, body in enumerate(self.bodies) if body.frame == CARRIER and body.payload)
+        pads = [i for i, contact in enumerate(self.contacts) if contact.patch.object == TRAY]
+        for k, hand in enumerate(robot.hands):
+            placed = [self._placed(i, self.contacts[i].patch, (TRAY,)) for i in pads[2 * k : 2 * k + 2]]
+            patch = placed[0].patch
+            name, force = names.failure(LimitKind.GRIP, patch), _force(self.config, patch)[1]
+            system = self._system(name, placed, [payload], force)
+            own = system.loads[0].matrix
+            if k < 2:
+                system.pull[:, -1] = (1.0, -1.0)[k] * (own @ between_hands(robot))
+            yield replace(system, loads=(Load(payload, own @ hand.share),))
+
     def stances(self, robot: Robot, path: Path, stance: Indices) -> Iterator[System]:
         """Yield the systems of the floating base."""
         everything = tuple(b for b, body in enumerate(self.bodies) if body.payload)
@@ -234,11 +257,16 @@ class _Scene:
         return Placed(patch, index, self.contacts[index].first, blocks.index(patch.object), below, friction)
 
     def _system(
-        self, name: str, placed: list[Placed], blocks: list[tuple[int, ...]], force: float, at: Indices | None = None
+        self,
+        name: LimitName,
+        placed: list[Placed],
+        blocks: list[tuple[int, ...]],
+        force: float,
+        at: Indices | None = None,
     ) -> System:
         scale = scale_of(placed, force, None if at is None else SOLE)
         polygon = float(np.cos(np.pi / self.config.contact.cone_edges))
-        return make_system(name, placed, blocks, self.fingers, scale, len(self.contacts), polygon, at)
+        return make_system(name, placed, blocks, self.fingers, scale, len(self.contacts) + 1, polygon, at)
 
 
 # Intervals ------------------------------------------------------------------------------------------------
@@ -253,7 +281,7 @@ def _intervals(
     mass_ends = np.array([given.mass.get(body.name, (body.mass, body.mass)) for body in bodies]).reshape(-1, 2).T
     reach = np.array([given.center_of_mass.get(body.name, (0.0, 0.0, 0.0)) for body in bodies]).reshape(-1, 3)
     mu, mu_ends = np.zeros(len(contacts)), np.zeros((2, len(contacts)))
-    force, shift = np.zeros((3, len(contacts))), np.zeros((2, contacts[-1].last if contacts else 0))
+    force, shift = np.zeros((3, len(contacts) + 1)), np.zeros((2, contacts[-1].last if contacts else 0))
     for i, contact in enumerate(contacts):
         own = (contact.patch.name, contact.patch.object)
         mu[i] = value_of(config.contact.friction, own, 0.5)
@@ -261,6 +289,9 @@ def _intervals(
         shift[:, contact.first : contact.last] = value_of(given.contact_points, own, 0.0)
         low, high = _force(config, contact.patch)
         force[:, i] = 0.5 * (low + high), low, high
+    hands = config.tray.hands if config.tray is not None else None
+    if hands is not None:
+        force[1:, -1] = -hands.squeeze, hands.squeeze
     middle, radius = _error(config, robot)
     nominal = Parameters(mass, np.zeros_like(reach), mu, force[0], np.zeros_like(shift), middle)
     lower = Parameters(mass_ends[0], -reach, mu_ends[0], force[1], -shift, middle - radius)
@@ -270,10 +301,14 @@ def _intervals(
 
 def _force(config: Config, patch: Patch) -> tuple[float, float]:
     """Return the ends of the vacuum or closing force at a contact [N], 0 at others."""
-    held_by = config.objects[patch.object].held_by if patch.law in (Law.SUCTION, Law.DRIVEN_PAD) else None
-    if held_by is None:
+    if patch.law not in (Law.SUCTION, Law.DRIVEN_PAD):
         return 0.0, 0.0
-    force = held_by.tool.force
+    if patch.object == TRAY:
+        hands = config.tray.hands if config.tray is not None else None
+        force = hands.force if hands is not None else 0.0
+    else:
+        held_by = config.objects[patch.object].held_by
+        force = held_by.tool.force if held_by is not None else 0.0
     return force if isinstance(force, tuple) else (force, force)
 
 

@@ -23,6 +23,7 @@ from robustopt.certificate.motion import Motion
 from robustopt.certificate.systems import System
 from robustopt.certificate.tally import Found, Tally
 from robustopt.certificate.world import World
+from robustopt.limits.names import LimitKind, LimitName
 
 MOST_WEIGHT = 2.0
 """Gauge at which the search looks where the contact does not hold at all."""
@@ -177,10 +178,10 @@ def worse_ends(world: World, system: System, motion: Motion, values: Parameters,
     functionals, joint_goal = goals(world, system, motion, solution.y, weight)
     ends = at_lowest(world, motion, values, functionals, joint_goal)
     shift, friction, force = values.shift.copy(), values.friction.copy(), values.force.copy()
-    own = list(dict.fromkeys(system.contacts))
+    own, pressing = list(system.contacts), np.flatnonzero(np.any(system.pull, axis=0))
     friction[own] = world.lower.friction[own, None]
-    gain = (system.pull.T @ solution.y)[own]
-    force[own] = np.where(gain >= 0.0, world.lower.force[own, None], world.upper.force[own, None])
+    gain = system.pull[:, pressing].T @ solution.y
+    force[pressing] = np.where(gain >= 0.0, world.lower.force[pressing, None], world.upper.force[pressing, None])
     if np.any(world.upper.shift[:, system.points] > 0.0):
         shift[:, system.points] = _worse_shift(world, system, values, solution.y)
     return replace(ends, shift=shift, friction=friction, force=force)
@@ -209,7 +210,7 @@ def _worse_shift(world: World, system: System, values: Parameters, y: Array) -> 
     return np.asarray(np.sign(turned) * world.upper.shift[:, system.points, None])
 
 
-def limit_name(world: World, system: System, there: Motion, values: Parameters, utilisation: float) -> str:
+def limit_name(world: World, system: System, there: Motion, values: Parameters, utilisation: float) -> LimitName:
     """Return the name of the limit of a single support or hold at one instant: tipping, slip or twist.
 
     Its utilisation is that without bounds on friction if it tips, and that without prescribed pressure if it slips.
@@ -217,10 +218,10 @@ def limit_name(world: World, system: System, there: Motion, values: Parameters, 
     if not system.known or system.at is not None:
         return system.name
     many = values.repeated(1)
-    patches = [world.contacts[i].patch for i in system.contacts]
+    patch = world.contacts[system.contacts[0]].patch
     endless = replace(many, friction=np.full_like(many.friction, ENDLESS))
     if np.isclose(balance(world, system, there, endless, GAP).value[0], utilisation, rtol=SAME):
-        return names.failure("tipping", patches)
+        return names.failure(LimitKind.TIPPING, patch)
     free = replace(system, holds=())
     slips = not system.holds or np.isclose(balance(world, free, there, many, GAP).value[0], utilisation, rtol=SAME)
-    return names.failure("slip" if slips else "twist", patches)
+    return names.failure(LimitKind.SLIP if slips else LimitKind.TWIST, patch)

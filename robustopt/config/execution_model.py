@@ -148,7 +148,7 @@ class ExecutionConfig(Section):
     timestep: Positive = Field(default=0.001, description="time step; objects drift in proportion to it [s]")
     controller: ControllerConfig = Field(
         default=ControllerConfig(),
-        description="joint controller; gains that are not given come from the model file, else from the joint's inertia",
+        description="joint controller; gains that are not given come from the model file, else from joint inertia",
     )
     disturbance: DisturbanceConfig = Field(default=DisturbanceConfig(), description="random force during the execution")
     hold: tuple[NonNegative, NonNegative] = Field(

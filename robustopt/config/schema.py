@@ -52,7 +52,7 @@ look for the contact's own name first, then for the object's, then for `default`
 
 
 def sections(model: type[Section] = Config, name: str = "") -> Iterator[tuple[str, type[Section]]]:
-    """Yield all sections of the configuration with their names, such as `path.tray_poses[]`, in order."""
+    """Yield all sections with their names, such as `path.tray_poses[]`, in the order of the keys."""
     yield name, model
     for key, annotation in fields(model).items():
         inner = f"{name}.{key}" if name else key

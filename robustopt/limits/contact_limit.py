@@ -10,7 +10,7 @@ from robustopt.arrays import Array, Flags, Indices
 from robustopt.limits.formulas import evaluate
 from robustopt.limits.names import LimitName
 from robustopt.limits.polygons import Loads, Polygons, cut_part, facet_family
-from robustopt.limits.systems import ContactSystem
+from robustopt.limits.systems import TWIST, ContactSystem
 
 NO_BASE, NO_TERMS = np.zeros((0, 0, 3)), np.zeros((0, 0, 0))
 
@@ -62,10 +62,16 @@ class ContactLimit:
         return self.with_facets(self.system.facets / self.weight, self.system.kinds)
 
     def cut(self, polygons: Polygons, index: Indices, used: Flags) -> Polygons:
-        """Return the polygons cut with the rows; see `Limit`."""
-        chosen = used[self.kinds]
-        family = facet_family(self.facets[chosen], self.loads, index[self.kinds[chosen]])
-        return cut_part(polygons, family, self.first, self.last)
+        """Return the polygons cut with the rows; see `Limit`.
+
+        Rows of the twist come last, so that a pure slip, which they bound alike, is not named after the twist.
+        """
+        twists = self.kinds == TWIST
+        for rows in (~twists, twists) if twists.any() else (~twists,):
+            chosen = used[self.kinds] & rows
+            family = facet_family(self.facets[chosen], self.loads, index[self.kinds[chosen]])
+            polygons = cut_part(polygons, family, self.first, self.last)
+        return polygons
 
     def excess(self, u: Array, x: Array, points: Indices) -> Array:
         """Return the largest excess of the rows of each name, as a fraction of the weight; see `Limit`."""

@@ -93,13 +93,12 @@ def _required(
     loads = track.loads(loaded, system.points, uncertainty.error)
     if not system.pressed:
         return loads
-    forces = dict(uncertainty.forces)
+    worst = uncertainty.worst_forces
     for hand in track.robot.hands:
-        forces[hand.name] = hand_force(config, hand, uncertainty.worst_friction)
+        worst[hand.name] = hand_force(config, hand, uncertainty.worst_friction)
+    forces = [worst[name] for name in system.pressed]
     fingers = [_finger(config, name) for name in system.pressed]
-    return with_forces(
-        loads, [forces[name] for name in system.pressed], fingers, track.motion, uncertainty.error.arrays
-    )
+    return with_forces(loads, forces, fingers, track.motion, uncertainty.error.arrays)
 
 
 def _finger(config: Config, name: str) -> Finger | None:

@@ -77,8 +77,8 @@ def hand_systems(
     return tuple(found)
 
 
-def hand_force(config: Config, hand: Hand, friction: Mapping[str, float]) -> tuple[float, float]:
-    """Return the interval of the closing force of a hand, less the part that an internal force uses up [N].
+def hand_force(config: Config, hand: Hand, friction: Mapping[str, float]) -> float:
+    """Return the lowest closing force of a hand, less the part that an internal force uses up [N].
 
     Args:
         config: the configuration.
@@ -90,7 +90,7 @@ def hand_force(config: Config, hand: Hand, friction: Mapping[str, float]) -> tup
     """
     hold = config.tray.hands if config.tray is not None else None
     assert hold is not None, "checked when the configuration was read"
-    low, high = hold.force if isinstance(hold.force, tuple) else (hold.force, hold.force)
+    low = hold.force[0] if isinstance(hold.force, tuple) else hold.force
     mu = min(friction[name] for name in pad_names(hand.name)) * np.cos(np.pi / config.contact.cone_edges)
     used = 0.5 * hold.squeeze / mu
     if used >= low:
@@ -99,4 +99,4 @@ def hand_force(config: Config, hand: Hand, friction: Mapping[str, float]) -> tup
             f"{2.0 * mu * low:.4g} N, or a larger tray.hands.force",
             key="tray.hands.squeeze",
         )
-    return low - used, high - used
+    return low - used

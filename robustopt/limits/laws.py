@@ -1,12 +1,11 @@
 """Contact laws: the wrenches that a contact can transmit, and the force that presses it together.
 
 A wrench is extended by the force F that presses the part against the tool: the vacuum of a cup, the closing force of a
-gripper. In these coordinates (w, F) every law is a cone {G lambda, lambda >= 0} with rows A (w, F) <= 0. So F is one
-more uncertain quantity, whose worst end the sign of its coefficient chooses:
+gripper. In these coordinates (w, F) every law is a cone {G lambda, lambda >= 0} with rows A (w, F) <= 0:
 
 - friction: the edges of the friction cones, (g, 0); there is no F.
-- suction: the edges at the lip, (g, 0), and the vacuum, (-n, 1), which pulls the part against the lip. The rows follow
-  from the friction cone, A (w + F n) <= 0.
+- suction: the edges at the lip, (g, 0), and the vacuum, (-n, 1), which pulls the part against the lip. The rows are
+  those of the friction cone, A (w + F n) <= 0.
 - grip: the edges of the driven pad, (g, 1), and of the fixed pad, (g, 0): the normal forces of the driven pad sum to F.
 
 If the pressure is prescribed, rows for the twist come on top (see `twist`).

@@ -6,7 +6,10 @@ from enum import StrEnum
 
 
 class LimitKind(StrEnum):
-    """The kinds of limits that the package knows; a limit of a user may have a kind of its own."""
+    """The kinds of limits that the package knows; a limit of a user may have a kind of its own.
+
+    The last four occur in certificates alone: of all limits of one contact system, and of a plan as a whole.
+    """
 
     VELOCITY = "velocity"
     ACCELERATION = "acceleration"
@@ -17,6 +20,10 @@ class LimitKind(StrEnum):
     GRIP = "grip"
     TWIST = "twist"
     BALANCE = "balance"
+    POSITION = "position"
+    CONTACT = "contact"
+    TIMING = "timing"
+    PLACE = "place"
 
 
 _PHRASES: dict[str, tuple[str, str]] = {
@@ -26,6 +33,9 @@ _PHRASES: dict[str, tuple[str, str]] = {
     LimitKind.GRIP: ("grip of {0}", "grip of {0} by {1}"),
     LimitKind.TWIST: ("twist of {0}", "twist of {0} on {1}"),
     LimitKind.BALANCE: ("balance of {0}", "balance of {0} on {1}"),
+    LimitKind.CONTACT: ("contact of {0}", "contact of {0} on {1}"),
+    LimitKind.TIMING: ("{0}", "{0}"),
+    LimitKind.PLACE: ("{0} in place", "{0} in place"),
 }
 
 

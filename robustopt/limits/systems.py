@@ -21,6 +21,9 @@ from robustopt.limits.names import LimitKind, LimitName
 from robustopt.scene.patches import eroded, patches
 from robustopt.scene.placement import supports
 
+TWIST = 2
+"""Index of the name of the rows that bound the twist of a single contact; those that slip and that tip come before."""
+
 
 @dataclass(frozen=True, eq=False)
 class Part:
@@ -42,8 +45,8 @@ class ContactSystem:
     Attributes:
         objects: the held bodies; their wrenches are stacked.
         loads: per held body the bodies whose weight and inertia it must carry, itself included.
-        pressed: the objects that a force presses against the tool; their forces follow the wrenches, so the system has
-            d = 6 * len(objects) + len(pressed) coordinates.
+        pressed: the object that each force presses against the tool, once per cup; the forces follow the wrenches, so
+            the system has d = 6 * len(objects) + len(pressed) coordinates.
         points: per held body the reference point of its moments, carrier frame (3,) [m].
         generators: edges of all friction cones and vacuums (d, k); their cone is what the contacts can supply.
         edges_of_friction: whether each generator is a friction edge (k,).
@@ -84,8 +87,8 @@ class ContactSystem:
 
     @property
     def bounds_twist(self) -> bool:
-        """Return whether some rows bound the twist, of which no program over the generators knows."""
-        return bool((self.kinds == 2).any())
+        """Return whether some of the rows bound the twist, which no program over the generators knows of."""
+        return bool((self.kinds == TWIST).any())
 
     def about(self, points: Sequence[Array]) -> ContactSystem:
         """Return the same system with the moments of each held body about another point (3,) [m]."""
@@ -205,16 +208,16 @@ def _system(config: Config, group: tuple[str, ...], own: Sequence[Link]) -> Cont
     edges = config.contact.cone_edges
     if len(own) == 1:
         return system_of(own[0], _loads(config, group[0], group), edges)
-    pressed = tuple(dict.fromkeys(link.object for link in own if link.pressed))
+    pressing = [link for link in own if link.pressed]
     balance = _balance(config, group, own)
     return ContactSystem(
         objects=group,
         loads=tuple(_loads(config, name, group) for name in group),
-        pressed=pressed,
+        pressed=tuple(link.object for link in pressing),
         points=tuple(np.zeros(3) for _ in group),
-        generators=np.hstack([_placed(link, group, pressed) for link in own]),
+        generators=np.hstack([_placed(link, group, pressing) for link in own]),
         edges_of_friction=np.concatenate([np.arange(len(link.generators.T)) < link.edges_of_friction for link in own]),
-        facets=np.zeros((0, 6 * len(group) + len(pressed))),
+        facets=np.zeros((0, 6 * len(group) + len(pressing))),
         complete=False,
         kinds=np.zeros(0, dtype=np.intp),
         names=(balance,),
@@ -224,9 +227,9 @@ def _system(config: Config, group: tuple[str, ...], own: Sequence[Link]) -> Cont
     )
 
 
-def _placed(link: Link, group: tuple[str, ...], pressed: tuple[str, ...]) -> Array:
+def _placed(link: Link, group: tuple[str, ...], pressing: Sequence[Link]) -> Array:
     """Return the generators of a contact in the stacked coordinates of a group; they act on the support too."""
-    column = np.zeros((6 * len(group) + len(pressed), link.generators.shape[1]))
+    column = np.zeros((6 * len(group) + len(pressing), link.generators.shape[1]))
     row = 6 * group.index(link.object)
     column[row : row + 6] = link.generators[:6]
     support = link.patches[0].support
@@ -234,7 +237,7 @@ def _placed(link: Link, group: tuple[str, ...], pressed: tuple[str, ...]) -> Arr
         row = 6 * group.index(support)
         column[row : row + 6] = -link.generators[:6]
     if link.pressed:
-        column[6 * len(group) + pressed.index(link.object)] = link.generators[6]
+        column[6 * len(group) + pressing.index(link)] = link.generators[6]
     return column
 
 
@@ -243,7 +246,7 @@ def _explicit(link: Link) -> tuple[Array, Indices]:
     dimension = len(link.generators)
     rows = np.zeros((0, dimension)) if link.rows is None else link.rows
     twist = link.twist.reshape(-1, dimension)
-    kinds = np.concatenate([link.tips.astype(np.intp), np.full(len(twist), 2, dtype=np.intp)])
+    kinds = np.concatenate([link.tips.astype(np.intp), np.full(len(twist), TWIST, dtype=np.intp)])
     return np.vstack([rows, twist]), kinds
 
 

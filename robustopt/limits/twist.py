@@ -10,10 +10,11 @@ must lie in it:
     y t <= mu sum_i N_i h(v_i(y)),   v_i(y) = (y_x, y_y) + y_z (-p_iy, p_ix),
 
 for every motion y of the part in the plane of the patch; h is the support function of the polygon for mu = 1. The
-facets of the sum belong to motions for which two contact points slide along edge directions of their polygons, or one
-point stays: the rotation centres are the intersections of lines along such directions through two points, and the
-points themselves. So the rows are finitely many and linear, and they are exact (our choice). N_i may be negative in a
-patch that is about to peel, which makes the rows stricter.
+facets of the sum belong to motions for which two contact points slide across edges of their polygons, or one point
+stays: the rotation centres lie where lines along such edges through two points meet, or at a point. If they meet
+nowhere the part slips without rotation, which the free cone bounds alike. So the rows are finitely many and linear, and
+with those of the free cone they are exact (our choice). N_i may be negative in a patch that is about to peel, which
+makes the rows stricter there.
 """
 
 from __future__ import annotations
@@ -30,19 +31,29 @@ SAME_CENTRE = 1e-9
 FARTHEST = 1e6
 """Distance, in sizes of the patch, beyond which a rotation centre counts as infinitely far: the motion is a slip."""
 
+MOST_ROWS = 60_000
+"""Rows above which friction polygons of fewer edges are taken: 55,552 for a lip of 8 points at 64 edges."""
 
-def slips(edges: int) -> Array:
-    """Return the motions y of a part that slips without rotation, normal to the edges of a friction polygon, (k, 3)."""
-    angle = 2 * np.pi * (np.arange(edges) + 0.5) / edges
-    return np.column_stack([np.cos(angle), np.sin(angle), np.zeros(edges)])
+
+def affordable_edges(points: int, edges: int) -> int:
+    """Return the largest number of edges, halved from the configured one, that needs no more than `MOST_ROWS` rows."""
+    lines = _edge_directions(edges)
+    while points * (points - 1) * lines * (lines - 1) > MOST_ROWS:
+        edges //= 2
+        lines = _edge_directions(edges)
+    return edges
+
+
+def _edge_directions(edges: int) -> int:
+    """Return how many directions the edges of a friction polygon have."""
+    return edges // 2 if edges % 2 == 0 else edges
 
 
 @lru_cache(maxsize=64)
 def _rotation_centres(points: tuple[tuple[float, float], ...], edges: int) -> Array:
     """Return the rotation centres (k, 2) at which facets of the Minkowski sum may lie, for points of unit size."""
     p = np.array(points)
-    half = edges // 2 if edges % 2 == 0 else edges
-    angle = 2 * np.pi * (np.arange(half) + 0.5) / edges + np.pi / 2
+    angle = 2 * np.pi * (np.arange(_edge_directions(edges)) + 0.5) / edges + np.pi / 2
     direction = np.column_stack([np.cos(angle), np.sin(angle)])
     found = [p]
     for i in range(len(p)):
@@ -77,7 +88,7 @@ def motions(points: Array, edges: int) -> Array:
     size = float(np.abs(points).max())
     centres = size * _rotation_centres(tuple(map(tuple, np.round(points / size, 12).tolist())), edges)
     turns = np.column_stack([centres[:, 1], -centres[:, 0], np.ones(len(centres))])
-    return np.vstack([slips(edges), turns, -turns])
+    return np.vstack([turns, -turns])
 
 
 def resistance(points: Array, y: Array, edges: int) -> Array:
@@ -110,6 +121,7 @@ def cup_rows(points: Array, mu: float, edges: int) -> Array:
     Returns:
         Rows on (f, m, F), wrench about the centre in the axes of the patch, scaled to -1 of the normal force.
     """
+    edges = affordable_edges(len(points), edges)
     y = motions(points, edges)
     balance = np.stack([np.ones(len(points)), points[:, 1], -points[:, 0]])
     normals = balance.T @ np.linalg.inv(balance @ balance.T)
@@ -135,6 +147,7 @@ def grip_rows(driven: Array, fixed: Array, mu: tuple[float, float], edges: int) 
     Returns:
         Rows on (f, m, F), wrench about the centre of the pads in the axes of the fixed pad, scaled to -1 of F.
     """
+    edges = affordable_edges(len(driven) + len(fixed), edges)
     y = motions(np.vstack([driven, fixed]), edges)
     on_driven = mu[0] * resistance(driven, y, edges).mean(axis=1)
     on_fixed = mu[1] * resistance(fixed, y, edges).mean(axis=1)

@@ -1,7 +1,8 @@
 """Uncertain quantities: one value that holds every interval a plan must survive.
 
 Friction, contact points, pressing forces, masses, centres of mass, and the error of the executed acceleration are each
-given as an interval. Less friction is always worse. The acceleration error e adds the columns of a Jacobian to the
+given as an interval. Less friction is always worse, and less force too: more of it can squeeze the part evenly, which
+is a wrench of nothing. The acceleration error e adds the columns of a Jacobian to the
 acceleration and is exact for bodies of known centre of mass; its product with a displacement of the centre of mass is
 bounded term by term.
 """
@@ -66,6 +67,11 @@ class Uncertainty:
     def worst_friction(self) -> dict[str, float]:
         """Return the lowest coefficient of friction of each contact."""
         return {name: low for name, (low, _) in self.friction}
+
+    @property
+    def worst_forces(self) -> dict[str, float]:
+        """Return the lowest force that presses each held object against the tool."""
+        return {name: low for name, (low, _) in self.forces}
 
 
 def uncertainty_of(config: Config, coordinates: int, base: int) -> Uncertainty:

@@ -196,19 +196,18 @@ class Finger:
 
 def with_forces(
     loads: Loads,
-    forces: Sequence[tuple[float, float]],
+    forces: Sequence[float],
     fingers: Sequence[Finger | None],
     motion: PathMotion,
     error: tuple[Array, Array],
 ) -> Loads:
     """Return required wrenches with the forces that press objects against the tool as further coordinates.
 
-    An interval of a force is a group of its own, whose factor is the force. The force that reaches the part is less by
-    the force that the driven finger itself takes, m (a - g) along its way.
+    The force that reaches the part is less by the force that the driven finger itself takes, m (a - g) along its way.
 
     Args:
         loads: required wrenches (P, d, ...).
-        forces: lowest and highest of the k forces [N].
+        forces: the k forces, each at its worst [N].
         fingers: finger of each force, None for a vacuum or a finger without mass.
         motion: motion along the path.
         error: middle and half-width of the acceleration error, (n,) each.
@@ -216,26 +215,17 @@ def with_forces(
     Returns:
         Required wrenches with d + k coordinates.
     """
-    d, groups = loads.nominal.shape[1], loads.nominal.shape[2]
-    uncertain = [j for j, (low, high) in enumerate(forces) if low < high]
-    more = [(0, 0), (0, len(forces)), (0, 0), (0, 0)]
-    nominal = np.pad(loads.nominal, [(0, 0), (0, len(forces)), (0, len(uncertain)), (0, 0)])
-    constant = np.pad(loads.constant, more[:3])
-    for j, (low, high) in enumerate(forces):
-        if low < high:
-            nominal[:, d + j, groups + uncertain.index(j), 2] = 1.0
-        else:
-            nominal[:, d + j, 0, 2] = low
-        finger = fingers[j]
+    d, more = loads.nominal.shape[1], [(0, 0), (0, len(forces)), (0, 0), (0, 0)]
+    nominal, constant = np.pad(loads.nominal, more), np.pad(loads.constant, more[:3])
+    for j, (force, finger) in enumerate(zip(forces, fingers, strict=True)):
+        nominal[:, d + j, 0, 2] = force
         if finger is not None:
             taken, shaken = _finger_force(finger, motion, error)
             nominal[:, d + j, 0] -= taken
             constant[:, d + j, : shaken.shape[1]] -= shaken
     return loads._replace(
-        nominal=nominal, terms=np.pad(loads.terms, more), constant=constant, remainder=np.pad(loads.remainder, more),
-        lowest=np.r_[loads.lowest, [forces[j][0] for j in uncertain]],
-        highest=np.r_[loads.highest, [forces[j][1] for j in uncertain]],
-    )  # fmt: skip
+        nominal=nominal, terms=np.pad(loads.terms, more), constant=constant, remainder=np.pad(loads.remainder, more)
+    )
 
 
 def _finger_force(finger: Finger, motion: PathMotion, error: tuple[Array, Array]) -> tuple[Array, Array]:

@@ -91,7 +91,7 @@ def _written_at(key: str) -> Callable[[float], dict[str, Any]]:
 
 def _force_candidates(config: Config, pressed: Collection[str]) -> Iterator[Candidate]:
     """Yield the forces of the tools that hold objects."""
-    for name in pressed:
+    for name in dict.fromkeys(pressed):
         held = config.objects[name].held_by
         assert held is not None
         key = f"objects.{name}.held_by.{'suction' if held.suction else 'grip'}.force"
