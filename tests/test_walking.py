@@ -430,7 +430,7 @@ def test_too_little_friction_is_infeasible_in_words(tmp_path: Path, capsys: pyte
     assert run([*arguments, str(tmp_path / "run"), "--json", "--no-figures"]) == 3
     diagnosis = json.loads(capsys.readouterr().out)["diagnosis"]
     assert any("slip of both feet" in conflict for conflict in diagnosis["conflicts"])
-    assert any(sentence.startswith("contact.friction: at least") for sentence in diagnosis["sentences"])
+    assert any(remedy["sentence"].startswith("contact.friction: at least") for remedy in diagnosis["remedies"])
 
 
 # Configuration --------------------------------------------------------------------------------------------
