@@ -60,7 +60,7 @@ class TrayConfig(Section):
     inertia: Vector3 | Vector6 | None = Field(
         default=None,
         description="inertia about the centre of mass, tray axes: ixx, iyy, izz, or ixx, iyy, izz, ixy, ixz, iyz; "
-        "default: as of a uniform box [kg m^2]",
+        "default: uniform density [kg m^2]",
     )
 
 
@@ -170,7 +170,7 @@ class ObjectConfig(Section):
     inertia: Vector3 | Vector6 | None = Field(
         default=None,
         description="inertia about the centre of mass, object axes: ixx, iyy, izz, or ixx, iyy, izz, ixy, ixz, iyz; "
-        "default: as of a uniform body of the shape [kg m^2]",
+        "default: uniform density [kg m^2]",
     )
 
     @model_validator(mode="before")
