@@ -427,7 +427,7 @@ def test_facets_and_inner_programs_lead_to_the_same_plan(
     assert by_programs.duration == pytest.approx(by_facets.duration, rel=1e-6)
 
 
-@pytest.mark.parametrize(("points", "edges"), [(12, 16), (32, 16), (8, 64)])
+@pytest.mark.parametrize(("points", "edges"), [(16, 16), (32, 16), (8, 64)])
 def test_patches_of_many_corners_tip_like_others(points: int, edges: int) -> None:
     """More generators than facets are made for: the first corner is along x, a radius from the centre."""
     can = {"shape": "cylinder", "radius": 0.03, "height": 0.4, "mass": 1.0}

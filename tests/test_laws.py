@@ -205,35 +205,38 @@ LIP = 0.02 * np.column_stack([np.cos(np.pi * np.arange(8) / 4), np.sin(np.pi * n
 """Contact points of a cup about its centre (8, 2)."""
 
 
-def twist_rows(mu: float, edges: int) -> np.ndarray:
-    """Rows over the forces along all friction edges of a lip, from rotations about many places and slips."""
-    rng, count = np.random.default_rng(0), 1500
-    centres = np.vstack([LIP, 0.02 * rng.normal(size=(count, 2)) * 3 ** rng.normal(size=(count, 1))])
-    lever = np.column_stack([np.ones(8), LIP[:, 1], -LIP[:, 0]])
-    local = edge_wrenches(np.column_stack([LIP, np.zeros(8)]), np.eye(3), mu, edges)
+def twist_rows(lips: np.ndarray, mu: float, edges: int) -> np.ndarray:
+    """Rows over the total forces along all friction edges of some lips, from rotations about many places and slips.
+
+    lips: contact points (n, 2); the normals are those of least squares over all of them
+    """
+    rng, count = np.random.default_rng(0), 2000
+    centres = np.vstack([lips, 0.03 * rng.normal(size=(count, 2)) * 3 ** rng.normal(size=(count, 1))])
+    lever = np.column_stack([np.ones(len(lips)), lips[:, 1], -lips[:, 0]])
+    local = edge_wrenches(np.column_stack([lips, np.zeros(len(lips))]), np.eye(3), mu, edges)
     normals = lever @ np.linalg.inv(lever.T @ lever) @ local[[2, 3, 4]]
     rows = []
     for y in np.column_stack([centres[:, 1], -centres[:, 0], np.ones(len(centres))]):
-        velocity = y[:2] + np.column_stack([-LIP[:, 1], LIP[:, 0]])
+        velocity = y[:2] + np.column_stack([-lips[:, 1], lips[:, 0]])
         rows.append(y @ local[[0, 1, 5]] - (velocity @ friction_edges(mu, edges).T).max(axis=1) @ normals)
         rows.append(-y @ local[[0, 1, 5]] - (-velocity @ friction_edges(mu, edges).T).max(axis=1) @ normals)
-    return np.array(rows) / 0.02
+    return np.array(rows) / 0.05
 
 
 def stretches(plan: Plan, pressure: str) -> list[float]:
     """Largest factor on the first and the last acceleration of a plan with the two cups of `ROW`, by programs.
 
-    They know the plate, the lips, and that the plate moves without turning; with prescribed pressure the twist of each
-    lip is bounded by definition, for a thousand motions.
+    They know the plate, the lips, and that the plate moves without turning; with prescribed pressure the twist is
+    bounded by definition, for thousands of motions.
     """
     part, contact = plan.problem.config.objects["part"], plan.problem.config.contact
     assert part.size is not None
     mu, edges, down = float(contact.friction), contact.cone_edges, np.diag([1.0, -1.0, -1.0])  # type: ignore[arg-type]
-    lips = [edge_wrenches(np.column_stack([LIP[:, 0] + x, LIP[:, 1], 0 * LIP[:, 0]]), np.eye(3), mu, edges)
-            for x, _, _ in ROW]  # fmt: skip
+    lips = np.vstack([LIP + [x, 0.0] for x, _, _ in ROW])
+    cone = edge_wrenches(np.column_stack([lips, np.zeros(len(lips))]), np.eye(3), mu, edges)
     vacuum = np.sum([[0.0, 0.0, -30.0, 0.0, 30.0 * x, 0.0] for x, _, _ in ROW], axis=0)
     arm = np.array([*part.center_of_mass[:2], 0.0]) @ down + [0.0, 0.0, 0.5 * part.size[2]]
-    bounds = np.kron(np.eye(2), twist_rows(mu, edges)) if pressure == "fixed" else np.zeros((1, 2 * 8 * edges))
+    bounds = twist_rows(lips, mu, edges) if pressure == "fixed" else np.zeros((1, cone.shape[1]))
     found = []
     for s, u in ((0.0, plan.u[0]), (1.0, plan.u[-1])):
         per_stretch, weight = (
@@ -242,7 +245,7 @@ def stretches(plan: Plan, pressure: str) -> list[float]:
         )
         answer = linprog(
             np.r_[np.zeros(bounds.shape[1]), -1.0],
-            A_eq=np.column_stack([*lips, -per_stretch]),
+            A_eq=np.column_stack([cone, -per_stretch]),
             b_eq=weight - vacuum,
             A_ub=np.column_stack([bounds, np.zeros(len(bounds))]),
             b_ub=np.zeros(len(bounds)),
@@ -257,7 +260,7 @@ def stretches(plan: Plan, pressure: str) -> list[float]:
 @pytest.mark.parametrize("pressure", ["fixed", "free"])
 @pytest.mark.parametrize("direction", [(1.0, 0.0, 0.0), (0.3, 1.0, 0.0), (0.2, 0.5, 0.3)])
 def test_a_plan_with_two_cups_is_possible_and_hardly_more_is(pressure: str, direction: tuple[float, ...]) -> None:
-    """Rows of the twist are found by programs; another one for forces at all points finds the same limit."""
+    """A program for the forces at all points of both lips, with one elastic pressure, finds the same limit."""
     part = {"size": [0.3, 0.3, 0.06], "center_of_mass": [0.01, 0.02, 0.0]}
     config = holding(cups(*ROW, pressure=pressure), level(*direction), mu=0.4, **part)
     for method in ("reachability", "ipopt"):
@@ -300,11 +303,14 @@ HOLDS = [
 def test_a_plan_for_an_interval_of_the_force_is_that_for_its_worse_end(
     held_by: dict[str, Any], part: dict[str, Any], direction: tuple[float, ...]
 ) -> None:
+    """With several cups the forces differ within the interval, which is worse than the lower end of all."""
     config = holding(held_by, level(*direction), **part)
     kind = next(iter(held_by))
     key = f"objects.part.held_by.{kind}.force"
     ends = [plan_of(with_values(config, {key: force})).duration for force in (25.0, 40.0)]
-    assert plan_of(config).duration == pytest.approx(max(ends), rel=1e-9)
+    several = len(held_by[kind].get("cups", ())) > 1
+    assert plan_of(config).duration / ends[0] == pytest.approx(1.0, rel=1e-9) or several
+    assert 1.0 - 1e-9 < plan_of(config).duration / ends[0] < 1.2
     assert ends[1] < ends[0]
 
 
@@ -317,7 +323,7 @@ def test_the_other_intervals_count_for_held_parts_too() -> None:
         "uncertainty.friction": {"part_cup2": [0.3, 0.5]},
         "uncertainty.mass": {"part": [0.8, 1.3]},
         "uncertainty.center_of_mass": {"part": [0.01, 0.01, 0.02]},
-        "uncertainty.contact_points": {"part_cup1": 0.004},
+        "uncertainty.contact_points": {"part": 0.008},
         "uncertainty.joint_acceleration": {"deviation": 1.0},
     }.items():
         robust = plan_of(with_values(config, {key: value})).duration
@@ -343,7 +349,7 @@ def test_an_acceleration_error_takes_its_part_of_the_margin() -> None:
     [
         (cup(force=8.0), G, "peel of part off cup"),
         (grip(force=4.0), G / (2 * 0.5), "grip of part"),
-        (cups(*ROW, force=4.0), G / 2, "balance of part on cup1 and cup2"),
+        (cups(*ROW, force=4.0), G / 2, "peel of part off cups"),
     ],
 )
 def test_too_little_force_asks_for_the_force_that_is_enough(

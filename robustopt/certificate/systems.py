@@ -2,7 +2,7 @@
 
 The held bodies are the objects and, with environment contacts, the floating base. An object whose wrench reaches the
 carrier through one support or one hold is a system by itself, with all that it carries as part of it. A bridge, its
-supports and all that shares them are one system, as are the cups of one part. The base is a system in every stance.
+supports and all that shares them are one system. The base is a system in every stance.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Load:
 
 @dataclass(frozen=True, eq=False)
 class Pressure:
-    """A hold with prescribed pressure: a lip, or the two pads of a gripper, the driven one first.
+    """A hold with prescribed pressure: the lips of a part, or the two pads of a gripper, the driven one first.
 
     faces: indices of its faces; centre: (3,), system units; axes: (3, 3) as columns, the driven normal last
     """
@@ -259,12 +259,9 @@ def _faces(placed: Sequence[Placed], scale: Scale) -> tuple[Face, ...]:
     return tuple(faces)
 
 
-def _holds(placed: Sequence[Placed], scale: Scale) -> Iterator[Pressure]:
-    """Yield the holds with prescribed pressure; a fixed pad comes behind the driven one."""
-    for k, item in enumerate(placed):
-        patch = item.patch
-        if not patch.fixed or patch.law is Law.FIXED_PAD:
-            continue
-        pads = (k, k + 1) if patch.law is Law.DRIVEN_PAD else (k,)
-        centre = np.mean([scale.place(placed[j].patch.origin) for j in pads], axis=0)
-        yield Pressure(pads, centre, scale.axes.T @ patch.axes)
+def _hold(placed: Sequence[Placed], scale: Scale) -> Pressure | None:
+    """Return the hold that all patches of a system are, if its pressure is prescribed."""
+    if not placed[0].patch.fixed:
+        return None
+    centre = np.mean([scale.place(item.patch.origin) for item in placed], axis=0)
+    return Pressure(centre, scale.axes.T @ placed[0].patch.axes)

@@ -90,13 +90,14 @@ def carried_limits(
 def _required(
     config: Config, track: Track, uncertainty: Uncertainty, system: ContactSystem, loaded: Sequence[Sequence[Body]]
 ) -> Loads:
+    """Return what a system requires; more of a single force is never worse, but one of several cups can pull askew."""
     loads = track.loads(loaded, system.points, uncertainty.error)
     if not system.pressed:
         return loads
-    worst = uncertainty.worst_forces
+    ends = dict(uncertainty.forces)
     for hand in track.robot.hands:
-        worst[hand.name] = hand_force(config, hand, uncertainty.worst_friction)
-    forces = [worst[name] for name in system.pressed]
+        ends[hand.name] = (hand_force(config, hand, uncertainty.worst_friction),) * 2
+    forces = [ends[name] if system.pressed.count(name) > 1 else ends[name][:1] * 2 for name in system.pressed]
     fingers = [_finger(config, name) for name in system.pressed]
     return with_forces(loads, forces, fingers, track.motion, uncertainty.error.arrays)
 

@@ -1,11 +1,13 @@
 """Contact laws: the wrenches that a contact can transmit, and the force that presses it together.
 
-A wrench is extended by the force F that presses the part against the tool: the vacuum of a cup, the closing force of a
-gripper. In these coordinates (w, F) every law is a cone {G lambda, lambda >= 0} with rows A (w, F) <= 0:
+A wrench is extended by the forces F that press the part against the tool: the vacuum of each cup, the closing force of
+a gripper. In these coordinates (w, F) every law is a cone {G lambda, lambda >= 0} with rows A (w, F) <= 0:
 
 - friction: the edges of the friction cones, (g, 0); there is no F.
-- suction: the edges at the lip, (g, 0), and the vacuum, (-n, 1), which pulls the part against the lip. The rows are
-  those of the friction cone, A (w + F n) <= 0.
+- suction: the edges at the lips, (g, 0), and for each cup its vacuum, (-n, e_k), which pulls the part against the lip.
+  Lips with one coefficient of friction have the rows of the friction cone of their hull, A (w + sum_k F_k n_k) <= 0.
+  Several cups of a part are one contact with a force each: part and tool are rigid, so their lips share the wrench as
+  the points of one lip do.
 - grip: the edges of the driven pad, (g, 1), and of the fixed pad, (g, 0): the normal forces of the driven pad sum to F.
 
 If the pressure is prescribed, rows for the twist come on top (see `twist`).
@@ -14,13 +16,15 @@ If the pressure is prescribed, rows for the twist come on top (see `twist`).
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import groupby
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from robustopt.arrays import Array, Flags
+from robustopt.geometry import convex_hull
 from robustopt.limits.cones import (
     FACET_MERGE,
     FACET_TOLERANCE,
@@ -36,19 +40,19 @@ from robustopt.limits.names import LimitKind, LimitName
 from robustopt.limits.twist import cup_rows, grip_rows
 from robustopt.scene.patches import Law, Patch
 
-NO_ROWS = np.zeros((0, 6))
+NO_ROWS, NO_TIPS = np.zeros((0, 6)), np.zeros(0, dtype=bool)
 
 
 @dataclass(frozen=True, eq=False)
 class Link:
-    """One contact of an object: a patch, or the two pads of a gripper.
+    """A contact of an object: a patch, all cups that hold it, or the two pads of a gripper.
 
-    Wrenches act on the object, moments about the carrier's origin, carrier axes; with a force F the last of the d = 7
-    coordinates, else d = 6.
+    Wrenches act on the object, moments about the carrier's origin, carrier axes. The forces F are the last of the d
+    coordinates: none, one per cup, or that of the gripper.
 
     Attributes:
         patches: the patches.
-        generators: edges of the friction cones, then the vacuum if there is one (d, k).
+        generators: edges of the friction cones, then the vacuums if there are any (d, k).
         edges_of_friction: number of the first kind.
         rows: rows of the cone (F, d), or None if they are too many or cannot be resolved.
         tips: whether each row bounds tipping or peeling (F,).
@@ -68,9 +72,9 @@ class Link:
         return self.patches[0].object
 
     @property
-    def pressed(self) -> bool:
-        """Return whether a force presses the object against the tool."""
-        return len(self.generators) > 6
+    def forces(self) -> int:
+        """Return the number of forces that press the object against the tool."""
+        return len(self.generators) - 6
 
     @property
     def names(self) -> tuple[LimitName, ...]:
@@ -82,7 +86,7 @@ class Link:
         if patch.law is Law.SUCTION:
             return tuple(LimitName(kind, *place) for kind in (LimitKind.SLIP, LimitKind.PEEL, LimitKind.TWIST))
         grip = LimitName(LimitKind.GRIP, patch.object)
-        return grip, grip, LimitName(LimitKind.TWIST, patch.object, "pads")
+        return grip, grip, LimitName(LimitKind.TWIST, *place)
 
 
 ContactLaw = Callable[[Patch, float, int], Array]
@@ -99,21 +103,23 @@ def links(
     """Return the contacts that some patches form.
 
     Args:
-        patches: the patches; the two pads of a gripper follow each other.
+        patches: the patches; the cups of a part, and the two pads of a gripper, follow each other.
         friction: coefficient of friction of each patch by its name.
         edges: number of edges of each friction cone.
         laws: laws of a user, by the name of the contact.
     """
     found, own = [], laws or {}
-    for patch, after in zip(patches, [*patches, None][1:], strict=True):
-        if patch.name in own:
-            found.append(_users(patch, own[patch.name](patch, friction[patch.name], edges)))
-        elif patch.law is Law.FRICTION:
-            found.append(_friction(patch, friction[patch.name], edges))
-        elif patch.law is Law.SUCTION:
-            found.append(_suction(patch, friction[patch.name], edges))
-        elif patch.law is Law.DRIVEN_PAD and after is not None:
-            found.append(_grip(patch, after, (friction[patch.name], friction[after.name]), edges))
+    for _, group in groupby(patches, lambda patch: (patch.object, patch.support, patch.name in own)):
+        parts = tuple(group)
+        first, mu = parts[0], tuple(friction[patch.name] for patch in parts)
+        if first.name in own:
+            found += [_users(patch, own[patch.name](patch, friction[patch.name], edges)) for patch in parts]
+        elif first.law is Law.FRICTION:
+            found.append(_friction(first, mu[0], edges))
+        elif first.law is Law.SUCTION:
+            found.append(_suction(parts, mu, edges))
+        else:
+            found.append(_grip(parts, mu, edges))
     return tuple(found)
 
 
@@ -135,13 +141,13 @@ def _rows(patch: Patch, mu: float, edges: int) -> tuple[Array | None, Flags]:
     _, local = _centred(patch)
     cone = patch_cone(local, edges)
     if cone is None:
-        return None, np.zeros(0, dtype=bool)
+        return None, NO_TIPS
     return scaled(cone, local, mu) @ _into_patch(patch), cone.tips
 
 
 def _users(patch: Patch, generators: Array) -> Link:
     """Return a contact with the law of a user, for which programs find the rows."""
-    return Link((patch,), generators, generators.shape[1], None, np.zeros(0, dtype=bool), NO_ROWS)
+    return Link((patch,), generators, generators.shape[1], None, NO_TIPS, NO_ROWS)
 
 
 def _friction(patch: Patch, mu: float, edges: int) -> Link:
@@ -150,29 +156,45 @@ def _friction(patch: Patch, mu: float, edges: int) -> Link:
     return Link((patch,), generators, generators.shape[1], rows, tips, NO_ROWS)
 
 
-def _suction(patch: Patch, mu: float, edges: int) -> Link:
-    centre, local = _centred(patch)
-    lip = wrench_generators(patch.points, mu, edges, patch.axes)
-    press = np.concatenate([patch.axes[:, 2], np.cross(centre, patch.axes[:, 2])])
-    generators = np.zeros((7, lip.shape[1] + 1))
-    generators[:6, :-1] = lip
-    generators[:6, -1], generators[6, -1] = -press, 1.0
-    rows, tips = _rows(patch, mu, edges)
+def _suction(lips: tuple[Patch, ...], mu: tuple[float, ...], edges: int) -> Link:
+    """Return the contact of all cups of a part, whose lips lie in one plane."""
+    cones = [wrench_generators(lip.points, own, edges, lip.axes) for lip, own in zip(lips, mu, strict=True)]
+    normal = lips[0].axes[:, 2]
+    press = np.array([[*normal, *np.cross(_centred(lip)[0], normal)] for lip in lips]).T
+    generators = np.block(
+        [[*cones, -press], [np.zeros((len(lips), sum(cone.shape[1] for cone in cones))), np.eye(len(lips))]]
+    )
+    whole = _hull(lips)
+    rows, tips = _rows(whole, mu[0], edges) if len(set(mu)) == 1 else (None, NO_TIPS)
     if rows is not None:
         rows = np.column_stack([rows, rows @ press])
-    twist = _extended(cup_rows(local, mu, edges), _into_patch(patch)) if patch.fixed else np.zeros((0, 7))
-    return Link((patch,), generators, lip.shape[1], rows, tips, twist)
+    twist = np.zeros((0, 6 + len(lips)))
+    if whole.fixed:
+        centre, _ = _centred(whole)
+        local = [(lip.points - centre) @ whole.axes[:, :2] for lip in lips]
+        twist = _extended(cup_rows(local, mu, edges), _into_patch(whole))
+    return Link(lips, generators, generators.shape[1] - len(lips), rows, tips, twist)
+
+
+@lru_cache(maxsize=64)
+def _hull(lips: tuple[Patch, ...]) -> Patch:
+    """Return the patch whose corners are the convex hull of some lips: forces elsewhere are combinations of those."""
+    if len(lips) == 1:
+        return lips[0]
+    first = lips[0]
+    corners = convex_hull(np.vstack([(lip.points - first.origin) @ first.axes[:, :2] for lip in lips]))
+    corners.setflags(write=False)
+    return replace(first, polygon=corners)
 
 
 def _extended(rows: Array, into: Array) -> Array:
-    """Return rows over a local wrench and F (k, 7) as rows over the wrench that `into` (6, 6) turns into it, and F."""
-    return np.column_stack([rows[:, :6] @ into, rows[:, 6]])
+    """Return rows over a local wrench and F (k, d) as rows over the wrench that `into` (6, 6) turns into it, and F."""
+    return np.column_stack([rows[:, :6] @ into, rows[:, 6:]])
 
 
-def _grip(driven: Patch, fixed: Patch, mu: tuple[float, float], edges: int) -> Link:
-    sides = [
-        wrench_generators(patch.points, m, edges, patch.axes) for patch, m in zip((driven, fixed), mu, strict=True)
-    ]
+def _grip(pads: tuple[Patch, ...], mu: tuple[float, ...], edges: int) -> Link:
+    driven, fixed = pads
+    sides = [wrench_generators(patch.points, m, edges, patch.axes) for patch, m in zip(pads, mu, strict=True)]
     closing = np.repeat([1.0, 0.0], [side.shape[1] for side in sides])
     generators = np.vstack([np.hstack(sides), closing])
     centre, local = _centred(fixed)
@@ -182,11 +204,11 @@ def _grip(driven: Patch, fixed: Patch, mu: tuple[float, float], edges: int) -> L
         opposite = (driven.points - centre) @ fixed.axes[:, :2]
         twist = _extended(grip_rows(opposite, local, mu, edges), _into_patch(fixed))
     tips = np.zeros(0 if rows is None else len(rows), dtype=bool)
-    return Link((driven, fixed), generators, generators.shape[1], rows, tips, twist)
+    return Link(pads, generators, generators.shape[1], rows, tips, twist)
 
 
 @lru_cache(maxsize=64)
-def _grip_facets(driven: Patch, fixed: Patch, mu: tuple[float, float], edges: int) -> Array | None:
+def _grip_facets(driven: Patch, fixed: Patch, mu: tuple[float, ...], edges: int) -> Array | None:
     """Return the facets of the cone of two opposed pads in (w, F), scaled to -1 at equal forces along all generators.
 
     With n the normal of the fixed pad, all generators have 2 F + n f = 1, which makes a section of the cone.

@@ -2,13 +2,13 @@
 
 The required wrenches of the held bodies of a system, stacked, and the forces that press them against the tool must lie
 in a cone. If an object hangs on one contact alone, everything that it carries loads this contact, and the cone has
-explicit rows. A bridge, its supports, or a part with several cups form a cycle in the contact graph: their forces are
-statically indeterminate, so they are one system, and programs share the wrench (`solvers.force_program`).
+explicit rows. A bridge and its supports form a cycle in the contact graph: their forces are statically indeterminate,
+so they are one system, and programs share the wrench (`solvers.force_program`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,19 +23,6 @@ from robustopt.scene.placement import supports
 
 SLIPS, TIPS, TWIST = range(3)
 """Index of the name of the rows of a single contact: those that bound slip, tipping or peel, and the twist."""
-
-
-@dataclass(frozen=True, eq=False)
-class Part:
-    """A contact of a system whose twist a program has to bound.
-
-    Attributes:
-        columns: generators of the contact.
-        twist: rows of the twist over the amounts of these generators (T, k).
-    """
-
-    columns: slice
-    twist: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +43,6 @@ class ContactSystem:
         names: limits that the system imposes; the first two are for rows that slip and rows that tip.
         edges: number of friction edges per contact point, which are neighbours among the generators.
         interfaces: names of the contacts.
-        parts: contacts whose twist the programs must bound.
         transform: coordinates that the generators supply per coordinate of the system (d', d), None for the same.
     """
 
@@ -72,7 +58,6 @@ class ContactSystem:
     names: tuple[LimitName, ...]
     edges: int
     interfaces: tuple[str, ...]
-    parts: tuple[Part, ...] = ()
     transform: Array | None = None
 
     @property
@@ -143,16 +128,9 @@ def carried(config: Config, name: str) -> tuple[str, ...]:
         above = more
 
 
-def _contacts(config: Config, name: str) -> int:
-    """Return the number of independent contacts of an object with its supports or the tool."""
-    body = config.objects[name]
-    suction = body.held_by.suction if body.held_by is not None else None
-    return len(suction.cups) if suction is not None else max(len(supports(body)), 1)
-
-
 def _is_tree(config: Config, name: str) -> bool:
     """Return whether an object and everything that it carries hang on the one contact of this object alone."""
-    if _contacts(config, name) > 1:
+    if len(supports(config.objects[name])) > 1:
         return False
     above = set(carried(config, name))
     return all(set(supports(config.objects[other])) <= above for other in above - {name})
@@ -194,12 +172,11 @@ def system_of(link: Link, load: tuple[str, ...], edges: int) -> ContactSystem:
         load: names of the bodies that it carries, the object included.
         edges: number of edges of each friction cone.
     """
-    pressed = (link.object,) if link.pressed else ()
     facets, kinds = _explicit(link)
     return ContactSystem(
-        objects=(link.object,), loads=(load,), pressed=pressed, points=(np.zeros(3),), generators=link.generators,
-        edges_of_friction=np.arange(link.generators.shape[1]) < link.edges_of_friction, facets=facets,
-        complete=link.rows is not None, kinds=kinds, names=link.names, edges=edges,
+        objects=(link.object,), loads=(load,), pressed=(link.object,) * link.forces, points=(np.zeros(3),),
+        generators=link.generators, edges_of_friction=np.arange(link.generators.shape[1]) < link.edges_of_friction,
+        facets=facets, complete=link.rows is not None, kinds=kinds, names=link.names, edges=edges,
         interfaces=tuple(patch.name for patch in link.patches),
     )  # fmt: skip
 
@@ -208,36 +185,31 @@ def _system(config: Config, group: tuple[str, ...], own: Sequence[Link]) -> Cont
     edges = config.contact.cone_edges
     if len(own) == 1:
         return system_of(own[0], _loads(config, group[0], group), edges)
-    pressing = [link for link in own if link.pressed]
-    balance = _balance(config, group, own)
     return ContactSystem(
         objects=group,
         loads=tuple(_loads(config, name, group) for name in group),
-        pressed=tuple(link.object for link in pressing),
+        pressed=(),
         points=tuple(np.zeros(3) for _ in group),
-        generators=np.hstack([_placed(link, group, pressing) for link in own]),
+        generators=np.hstack([_placed(link, group) for link in own]),
         edges_of_friction=np.concatenate([np.arange(len(link.generators.T)) < link.edges_of_friction for link in own]),
-        facets=np.zeros((0, 6 * len(group) + len(pressing))),
+        facets=np.zeros((0, 6 * len(group))),
         complete=False,
         kinds=np.zeros(0, dtype=np.intp),
-        names=(balance,),
+        names=(_balance(group, own),),
         edges=edges,
         interfaces=tuple(patch.name for link in own for patch in link.patches),
-        parts=tuple(_parts(own)),
     )
 
 
-def _placed(link: Link, group: tuple[str, ...], pressing: Sequence[Link]) -> Array:
+def _placed(link: Link, group: tuple[str, ...]) -> Array:
     """Return the generators of a contact in the stacked coordinates of a group; they act on the support too."""
-    column = np.zeros((6 * len(group) + len(pressing), link.generators.shape[1]))
+    column = np.zeros((6 * len(group), link.generators.shape[1]))
     row = 6 * group.index(link.object)
-    column[row : row + 6] = link.generators[:6]
+    column[row : row + 6] = link.generators
     support = link.patches[0].support
     if support in group:
         row = 6 * group.index(support)
-        column[row : row + 6] = -link.generators[:6]
-    if link.pressed:
-        column[6 * len(group) + pressing.index(link)] = link.generators[6]
+        column[row : row + 6] = -link.generators
     return column
 
 
@@ -250,23 +222,9 @@ def _explicit(link: Link) -> tuple[Array, Indices]:
     return np.vstack([rows, twist]), kinds
 
 
-def _balance(config: Config, group: tuple[str, ...], own: Sequence[Link]) -> LimitName:
+def _balance(group: tuple[str, ...], own: Sequence[Link]) -> LimitName:
     """Return the name of the limit of a cycle: the contacts of its bridges must balance them."""
-    below = {name: list(dict.fromkeys(_supports(link) for link in own if link.object == name)) for name in group}
-    first, *others = [name for name in group if _contacts(config, name) > 1]
+    below = {name: [link.patches[0].support for link in own if link.object == name] for name in group}
+    first, *others = [name for name in group if len(below[name]) > 1]
     more = "".join(f" and balance of {name} on {' and '.join(below[name])}" for name in others)
     return LimitName(LimitKind.BALANCE, first, " and ".join(below[first]) + more)
-
-
-def _supports(link: Link) -> str:
-    return link.patches[0].support
-
-
-def _parts(own: Iterable[Link]) -> Iterable[Part]:
-    """Yield the contacts of a cycle whose twist a program must bound."""
-    first = 0
-    for link in own:
-        count = link.generators.shape[1]
-        if len(link.twist):
-            yield Part(slice(first, first + count), link.twist @ link.generators)
-        first += count

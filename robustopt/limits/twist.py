@@ -19,6 +19,7 @@ makes the rows stricter there.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -108,32 +109,35 @@ def resistance(points: Array, y: Array, edges: int) -> Array:
     return best
 
 
-def cup_rows(points: Array, mu: float, edges: int) -> Array:
-    """Return the twist rows of a cup with elastic normals, over its wrench and the vacuum force, (k, 7).
+def cup_rows(lips: Sequence[Array], mu: Sequence[float], edges: int) -> Array:
+    """Return the twist rows of K cups with elastic lips, over their wrench and vacuum forces, (k, 6 + K).
 
-    The normals have least squares among all that supply the normal force f_z + F and the moments m_x, m_y.
+    The vacuums pull at the centres of their lips. The part is rigid, so the normal forces of all lips are one linear
+    function of the place: those of least squares among all that supply the normal force f_z + sum F_k and the moments.
 
     Args:
-        points: contact points about the centre of the lip, in the axes of the patch (n, 2) [m].
-        mu: coefficient of friction.
+        lips: contact points of each lip about a common point, in the axes of the cups (n, 2) [m].
+        mu: coefficient of friction of each lip.
         edges: number of edges of a friction polygon.
 
     Returns:
-        Rows on (f, m, F), wrench about the centre in the axes of the patch, scaled to -1 of the normal force.
+        Rows on (f, m, F), wrench about that point in the axes of the cups, scaled to -1 of the normal force.
     """
+    points, friction = np.vstack(lips), np.repeat(mu, [len(lip) for lip in lips])
     edges = affordable_edges(len(points), edges)
     y = motions(points, edges)
     balance = np.stack([np.ones(len(points)), points[:, 1], -points[:, 0]])
     normals = balance.T @ np.linalg.inv(balance @ balance.T)
-    power = mu * resistance(points, y, edges) @ normals
-    rows = np.zeros((len(y), 7))
+    power = resistance(points, y, edges) * friction @ normals
+    pulls = np.array([[1.0, *(lip.mean(axis=0) @ [[0.0, -1.0], [1.0, 0.0]])] for lip in lips]).T
+    rows = np.zeros((len(y), 6 + len(lips)))
     rows[:, [0, 1, 5]] = y
     rows[:, [2, 3, 4]] = -power
-    rows[:, 6] = -power[:, 0]
+    rows[:, 6:] = -power @ pulls
     return np.asarray(rows / power[:, :1])
 
 
-def grip_rows(driven: Array, fixed: Array, mu: tuple[float, float], edges: int) -> Array:
+def grip_rows(driven: Array, fixed: Array, mu: Sequence[float], edges: int) -> Array:
     """Return the twist rows of a grip with uniform normals, over the wrench and the closing force, (k, 7).
 
     Each of the n corners of the driven pad presses with F / n, each corner of the fixed pad with (F + f_z) / n.

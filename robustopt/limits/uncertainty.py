@@ -68,11 +68,6 @@ class Uncertainty:
         """Return the lowest coefficient of friction of each contact."""
         return {name: low for name, (low, _) in self.friction}
 
-    @property
-    def worst_forces(self) -> dict[str, float]:
-        """Return the lowest force that presses each held object against the tool."""
-        return {name: low for name, (low, _) in self.forces}
-
 
 def uncertainty_of(config: Config, coordinates: int, base: int) -> Uncertainty:
     """Return the uncertain quantities of a configuration.

@@ -196,7 +196,7 @@ class Finger:
 
 def with_forces(
     loads: Loads,
-    forces: Sequence[float],
+    forces: Sequence[tuple[float, float]],
     fingers: Sequence[Finger | None],
     motion: PathMotion,
     error: tuple[Array, Array],
@@ -207,7 +207,7 @@ def with_forces(
 
     Args:
         loads: required wrenches (P, d, ...).
-        forces: the k forces, each at its worst [N].
+        forces: lowest and highest value of each of the k forces that counts [N].
         fingers: finger of each force, None for a vacuum or a finger without mass.
         motion: motion along the path.
         error: middle and half-width of the acceleration error, (n,) each.
@@ -217,14 +217,22 @@ def with_forces(
     """
     d, more = loads.nominal.shape[1], [(0, 0), (0, len(forces)), (0, 0), (0, 0)]
     nominal, constant = np.pad(loads.nominal, more), np.pad(loads.constant, more[:3])
-    for j, (force, finger) in enumerate(zip(forces, fingers, strict=True)):
-        nominal[:, d + j, 0, 2] = force
+    swings = np.zeros((len(constant), d + len(forces), 0))
+    for j, ((low, high), finger) in enumerate(zip(forces, fingers, strict=True)):
+        nominal[:, d + j, 0, 2] = 0.5 * (low + high)
+        if high > low:
+            swings = np.pad(swings, [(0, 0), (0, 0), (0, 1)])
+            swings[:, d + j, -1] = 0.5 * (high - low)
         if finger is not None:
             taken, shaken = _finger_force(finger, motion, error)
             nominal[:, d + j, 0] -= taken
             constant[:, d + j, : shaken.shape[1]] -= shaken
     return loads._replace(
-        nominal=nominal, terms=np.pad(loads.terms, more), constant=constant, remainder=np.pad(loads.remainder, more)
+        nominal=nominal,
+        terms=np.pad(loads.terms, more),
+        constant=np.concatenate([constant, swings], axis=2),
+        constant_group=np.r_[loads.constant_group, np.zeros(swings.shape[2], dtype=loads.constant_group.dtype)],
+        remainder=np.pad(loads.remainder, more),
     )
 
 

@@ -57,7 +57,7 @@ class Patch:
     Attributes:
         name: name of the contact, by which its friction and contact points are given.
         object: the object, on which the contact presses along its normal.
-        support: the tray, the object below, or the tool: `cup`, `cup2`, `pad1`.
+        support: the tray, the object below, or the tool: `cup`, `cups`, `pads`.
         polygon: corners in the plane of the patch, counter-clockwise (k, 2) [m].
         origin: origin of that plane, carrier frame (3,) [m].
         axes: axes of the patch as columns, the normal last, from the support into the object, carrier frame (3, 3).
@@ -136,10 +136,10 @@ def held_patches(name: str, body: ObjectConfig, tool: Frame, points: int) -> lis
 
 
 def _cups(name: str, body: ObjectConfig, hold: SuctionConfig, frame: Frame, points: int) -> Iterator[Patch]:
-    for k, (contact, cup) in enumerate(zip(contact_names(name, body), hold.cups, strict=True)):
+    support = "cup" if len(hold.cups) == 1 else "cups"
+    for contact, cup in zip(contact_names(name, body), hold.cups, strict=True):
         lip = regular_polygon(np.zeros(2), cup.radius, points)
         origin = frame.position + frame.rotation @ np.array([*cup.at, 0.0])
-        support = "cup" if len(hold.cups) == 1 else f"cup{k + 1}"
         fixed = hold.pressure == "fixed"
         yield Patch(contact, name, support, lip, origin, frame.rotation, law=Law.SUCTION, fixed=fixed)
 
@@ -154,8 +154,7 @@ def _pads(name: str, body: ObjectConfig, hold: GripConfig, frame: Frame) -> Iter
         axes = frame.rotation @ contact_axes(-side * closing, np.array([0.0, 0.0, 1.0]))
         middle = closing * (part.position @ closing + side * half)
         origin = frame.position + frame.rotation @ middle
-        support = "pad1" if law is Law.DRIVEN_PAD else "pad2"
-        yield Patch(contact, name, support, corners, origin, axes, law=law, fixed=hold.pressure == "fixed")
+        yield Patch(contact, name, "pads", corners, origin, axes, law=law, fixed=hold.pressure == "fixed")
 
 
 @lru_cache(maxsize=256)

@@ -38,9 +38,6 @@ that it tries per end of an interval. A row found at one grid point holds at all
 ROBUST_BAND = 0.5
 """Margin, as a fraction of the weight, beyond which a wrench is not tried again with its worst parameters."""
 
-TWIST_ROUNDS = 20
-"""Rounds in which twist rows are added to a program; two or three are usual."""
-
 
 class ForceProgram:
     """The inner program of one contact system; only its right-hand side changes from call to call.
@@ -49,7 +46,6 @@ class ForceProgram:
         reference: the wrench r (d,) [N, N m].
         scale: factors on the coordinates, by which all generators are of size 1 (d,).
         program: the linear program.
-        parts: contacts whose twist is bounded.
         transform: coordinates that the generators supply per coordinate of the system (d', d), None for the same.
     """
 
@@ -61,30 +57,16 @@ class ForceProgram:
         matrix = np.column_stack([system.generators * weight, -self.reference]) * self.scale[:, None]
         k = matrix.shape[1]
         self.program = LinearProgram(matrix, np.r_[np.zeros(k - 1), 1.0], np.r_[np.zeros(k - 1), -np.inf])
-        self.parts, self.transform = system.parts, system.transform
+        self.transform = system.transform
 
     def solve(self, wrench: Array) -> tuple[float, Array]:
         """Return t and the dual row y (d,) with y w = t for a wrench w (d,), as a fraction of the weight."""
         supplied = wrench if self.transform is None else self.transform @ wrench
         right = supplied * self.scale
-        for _ in range(TWIST_ROUNDS):
-            solution, dual = self.program.solve(right, right)
-            if not self._add_twist(solution):
-                break
-        dual = dual[: len(right)] * self.scale
+        _, dual = self.program.solve(right, right)
+        dual = dual * self.scale
         row = dual if self.transform is None else dual @ self.transform
         return float(row @ wrench), row
-
-    def _add_twist(self, solution: Array) -> bool:
-        """Add the twist row of each contact that a solution violates most; return whether there was one."""
-        found = False
-        for part in self.parts:
-            values = part.twist @ solution[part.columns]
-            worst = int(np.argmax(values))
-            if values[worst] > VIOLATION:
-                self.program.add_row(np.arange(part.columns.start, part.columns.stop), part.twist[worst])
-                found = True
-        return found
 
 
 def _scale(system: ContactSystem) -> Array:

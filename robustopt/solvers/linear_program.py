@@ -5,7 +5,7 @@ from __future__ import annotations
 import highspy
 import numpy as np
 
-from robustopt.arrays import Array, Indices
+from robustopt.arrays import Array
 
 
 class LinearProgram:
@@ -48,12 +48,3 @@ class LinearProgram:
         self._highs.run()
         solution = self._highs.getSolution()
         return np.array(solution.col_value), np.array(solution.row_dual)
-
-    def add_row(self, columns: Indices, values: Array) -> None:
-        """Add the row `values @ z[columns] <= 0`.
-
-        Args:
-            columns: indices of variables (k,).
-            values: their coefficients (k,).
-        """
-        self._highs.addRow(-np.inf, 0.0, len(columns), columns.astype(np.int32), values)
