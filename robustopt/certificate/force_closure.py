@@ -26,7 +26,7 @@ import numpy as np
 
 from robustopt.arrays import Array, Flags, Indices
 from robustopt.certificate.cone_algebra import Scaling, cholesky, divide, ray, reach, solve, square
-from robustopt.certificate.contact_points import Contacts, Face, even_pressure
+from robustopt.certificate.contact_points import Contacts, even_pressure
 
 GAP = 1e-8
 """Width of the bracket of gamma, and unbalanced share of the wrench, at which a program is solved: a hundredth of the
@@ -252,26 +252,7 @@ class _InteriorPoint:
         matrix = scaled_rest[:, None] * scaled_rest
         cuts = np.arange(self.contacts.rows, len(matrix))
         matrix[cuts, cuts] += root[1:] ** 2
-        columns = scaling.matrix()
-        for face in self.contacts.faces:
-            rows = self.contacts.columns(face, columns[:, :, face.part])
-            rows = rows.reshape(len(rows), -1, rows.shape[-1])
-            stiffness = np.stack([(row * rows).sum(axis=1) for row in rows])
-            self._add(matrix, face, stiffness)
-        return cholesky(matrix)
-
-    def _add(self, matrix: Array, face: Face, stiffness: Array) -> None:
-        """Add the stiffness of a face (6 + extra rows, its square, T) at its rows of the matrix (rows, rows, T)."""
-        places = [(slice(6 * face.above, 6 * face.above + 6), slice(0, 6), 1.0)]
-        if face.below >= 0:
-            places.append((slice(6 * face.below, 6 * face.below + 6), slice(0, 6), -1.0))
-        first = 6
-        for rows in self.contacts.extra(face):
-            places.append((rows, slice(first, first + rows.stop - rows.start), 1.0))
-            first += rows.stop - rows.start
-        for a, part_a, sign_a in places:
-            for b, part_b, sign_b in places:
-                matrix[a, b] += sign_a * sign_b * stiffness[part_a, part_b]
+        return cholesky(matrix + self.contacts.stiffness(scaling.matrix()))
 
     def _step(
         self, factor: Array, scaling: Scaling, scaled: Array, scaled_level: Array, right: Array, right_level: Array
