@@ -177,12 +177,14 @@ class _InteriorPoint:
     def _along(self, level: Array) -> Array:
         """Return the rows of g rest and of the values of the cuts, (rows, T), for levels (1 + C, T)."""
         out = self.rest * level[0]
-        out[self.contacts.rows :] += level[1:]
+        if len(level) > 1:
+            out[self.contacts.rows :] += level[1:]
         return out
 
     def _onto(self, y: Array) -> Array:
         """Return y rest and y of the cuts, (1 + C, T), for y (rows, T)."""
-        return np.concatenate([(self.rest * y).sum(axis=0)[None], y[self.contacts.rows :]])
+        along = (self.rest * y).sum(axis=0)[None]
+        return along if self.contacts.cuts is None else np.concatenate([along, y[self.contacts.rows :]])
 
     def _bracket(self) -> None:
         """Update slacks, bounds and residual of the iterate; put aside the programs that are solved or hopeless."""
