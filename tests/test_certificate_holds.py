@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scenes import FIXTURES
+from scenes import CONFIGS, FIXTURES
 from scipy.optimize import linprog
 from test_certificate import G, LinePath, seen, there_and_stop
 
 from robustopt.certificate import Certificate, certify
-from robustopt.certificate.balance import balance, required
+from robustopt.certificate.balance import balance, required, required_by_base
 from robustopt.certificate.contact_points import Face
 from robustopt.certificate.force_closure import GAP
 from robustopt.certificate.loads import body_loads
@@ -21,11 +21,11 @@ from robustopt.certificate.systems import System
 from robustopt.certificate.twist import Hold, lip_pressure, pad_pressure, twist_gauge
 from robustopt.certificate.world import World
 from robustopt.config import Config
-from robustopt.config.load import with_values
+from robustopt.config.load import load_config, with_values
 from robustopt.errors import ConfigError
 from robustopt.limits import build_problem
 from robustopt.limits.names import LimitKind
-from robustopt.solvers import solve
+from robustopt.solvers import Plan, solve
 
 FLAT = 0.002
 """Height of a part whose centre of mass is so near to the cup that it slides before it peels [m]."""
@@ -403,3 +403,44 @@ def test_a_configuration_of_another_task_is_refused() -> None:
         with pytest.raises(ConfigError, match=key.split(".")[0]):
             certify(plan, config=with_values(config, {key: value}))
     assert certify(plan, config=with_values(config, {"contact.friction": 0.9})).passed
+
+
+# Hands ----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def with_tray() -> Plan:
+    config = load_config(CONFIGS / "humanoid_tray.yaml", ["solver.collocation_points=60"])
+    return solve(build_problem(config))
+
+
+def test_hands_that_hold_a_tray_are_looked_at(with_tray: Plan) -> None:
+    margins = certify(with_tray).margins
+    hands = {name: found.on_grid for name, found in margins.items() if name.kind == LimitKind.GRIP}
+    assert set(hands) == {"grip of tray by left hand", "grip of tray by right hand"}
+    assert min(found.on_grid for found in margins.values()) > -1e-6
+    assert margins["contact of both feet"].on_grid < 0.01
+
+
+@pytest.mark.parametrize(
+    ("key", "enough", "wrong"), [("contact.friction.tray", 0.12, 0.07), ("tray.hands.squeeze", 28.0, 31.0)]
+)
+def test_hands_slip_with_little_friction_or_a_large_internal_force(
+    with_tray: Plan, key: str, enough: float, wrong: float
+) -> None:
+    """25 N at friction 0.6 hold 30 N across, and half of the weight of 0.8 kg at a friction of 0.08."""
+    for value, holds in ((enough, True), (wrong, False)):
+        found = certify(with_tray, config=with_values(with_tray.problem.config, {key: value}))
+        hands = [margin.on_grid for name, margin in found.margins.items() if name.kind == LimitKind.GRIP]
+        assert (min(hands) > 0.0) == holds
+        assert holds or not found.passed
+
+
+def test_a_humanoid_with_a_tray_stands_with_the_weight_of_all(with_tray: Plan) -> None:
+    problem = with_tray.problem
+    world, moving, at = seen(problem.config, with_tray)
+    still = np.flatnonzero(at.free == 0.0)
+    there, values = moving.at(still), world.nominal.repeated(len(still))
+    force = required_by_base(world, there, body_loads(world, there, values), 0.0 * values.error)
+    np.testing.assert_allclose(force[2], (problem.robot.mass + 0.8) * G, rtol=1e-9)
+    np.testing.assert_allclose(force[:2], 0.0, atol=1e-9)

@@ -217,8 +217,8 @@ def least_forces(contacts: Contacts, rows: Array) -> Array:
     unit = np.broadcast_to(np.eye(3)[:, :, None, None], (3, 3, points, programs))
     matrix = np.moveaxis(contacts.stiffness(unit), -1, 0)
     lacking = rows - contacts.pressed(c)
-    y = np.linalg.solve(matrix, lacking.T[:, :, None])[:, :, 0].T
-    return np.asarray(c + contacts.seen(y))
+    y = np.asarray(np.linalg.solve(matrix, lacking.T[:, :, None])[:, :, 0].T, dtype=float)
+    return c + contacts.seen(y)
 
 
 def simply_held(contacts: Contacts, wrench: Array) -> Flags:
