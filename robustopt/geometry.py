@@ -62,7 +62,15 @@ def area(polygon: Array) -> float:
 
 
 def clip(polygon: Array, other: Array) -> Array:
-    """Return the intersection of two convex polygons (n, 2) [m]; empty if they do not overlap."""
+    """Return the intersection of two convex polygons; empty if they do not overlap.
+
+    Args:
+        polygon: corners of the first (n, 2) [m].
+        other: corners of the second (m, 2) [m].
+
+    Returns:
+        Corners (k, 2) [m].
+    """
     return _cut(polygon, *half_planes(other))
 
 
@@ -87,7 +95,13 @@ def erode(polygon: Array, distance: float, yaw: float = 0.0) -> Array:
 
 
 def contains(polygon: Array, point: Array, tolerance: float = RESOLUTION) -> bool:
-    """Return whether a point is inside a convex polygon, or at most `tolerance` [m] outside one of its edges."""
+    """Return whether a point is inside a convex polygon.
+
+    Args:
+        polygon: corners (n, 2) [m].
+        point: the point (2,) [m].
+        tolerance: largest distance outside an edge that counts as inside [m].
+    """
     if len(polygon) < 3:
         return False
     normal, offset = half_planes(polygon)

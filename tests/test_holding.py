@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import mujoco
@@ -71,6 +71,9 @@ THRESHOLDS = {
         for mu in (0.2, 0.5, 1.0) for angle in (0.0, np.pi / 4)
     },
     "a heavy part slides": (holding(cup(force=300.0), mass=10.0), X, DOWN, 0.5 * (300.0 - 10.0 * G) / 10.0),
+    "cup slides on a cylinder": (
+        holding(cup(), shape="cylinder", size=None, radius=0.1, height=0.01), X, DOWN, 0.5 * (F - G)
+    ),
     "cup is pulled off": (holding(cup()), Z, DOWN, F - G),
     "cup peels towards a lip point": (holding(cup(), friction=1.0, **TALL), X, DOWN, (F - G) * R / 0.1),
     "cup peels towards a flat": (
@@ -178,6 +181,9 @@ def test_lips_and_pads_have_their_actual_friction_force_and_size():
         assert np.hypot(*(model.geom_pos[lip, :2] - [0.1 * k - 0.05, 0.0]).T) == pytest.approx(radius)
     assert model.tendon_stiffness.reshape(2, -1)[:, 0] * 100.0 == pytest.approx(37.0)
     assert model.opt.impratio == 100.0
+    for inset in ({"part": 0.04}, {"part_cup1": 0.031}):
+        with pytest.raises(ConfigError, match=r"contact_inset\.part_cup1: .* leaves nothing of part_cup1"):
+            world.model(replace(world.nominal, inset=inset))
 
 
 def test_settings_are_those_of_the_robot_but_friction_is_stiffer_where_it_holds():

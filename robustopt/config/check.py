@@ -59,7 +59,7 @@ def check(config: Config, names: Collection[str] | None = None, like: Config | N
 
 def _without_tray(config: Config) -> Iterator[Finding]:
     """Yield a missing tray that an object or a path needs, and tool poses beside a tray."""
-    needed = [name for name, body in config.objects.items() if TRAY in supports(body)]
+    needed = [name for name, body in config.objects.items() if TRAY in supports(body) and body.held_by is None]
     fields = ", ".join(TrayConfig.model_fields)
     if config.tray is None and (needed or config.path.tray_poses is not None):
         reason = f"{needed[0]} stands on it" if needed else "path.tray_poses is given"

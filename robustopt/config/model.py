@@ -168,7 +168,7 @@ class Config(Section):
     objects: Annotated[dict[str, ObjectConfig], BeforeValidator(_empty_mapping)] = Field(
         default={}, description="the objects that stand on the tray or are held by the tool, by name"
     )
-    contact: ContactConfig = Field(default=ContactConfig(), description="friction, and how contacts are approximated")
+    contact: ContactConfig = Field(default=ContactConfig(), description="friction, and the approximation of contacts")
     path: PathConfig = Field(description="the path: exactly one of tray_poses, tool_poses, joints and steps")
     uncertainty: UncertaintyConfig = Field(
         default=UncertaintyConfig(),

@@ -60,7 +60,7 @@ class TrayConfig(Section):
     inertia: Vector3 | Vector6 | None = Field(
         default=None,
         description="inertia about the centre of mass, tray axes: ixx, iyy, izz, or ixx, iyy, izz, ixy, ixz, iyz; "
-        "default: as of a uniform box [kg m^2]",
+        "default: uniform density [kg m^2]",
     )
 
 
@@ -170,7 +170,7 @@ class ObjectConfig(Section):
     inertia: Vector3 | Vector6 | None = Field(
         default=None,
         description="inertia about the centre of mass, object axes: ixx, iyy, izz, or ixx, iyy, izz, ixy, ixz, iyz; "
-        "default: as of a uniform body of the shape [kg m^2]",
+        "default: uniform density [kg m^2]",
     )
 
     @model_validator(mode="before")
@@ -201,14 +201,11 @@ def contact_names(name: str, body: ObjectConfig) -> tuple[str, ...]:
     An object on its support, or held by one cup, has one contact, which takes its name. Several cups and the pads of a
     gripper are numbered: `part_cup1`, `part_pad2`. The driven finger has pad 1.
     """
-    if body.held_by is None:
-        return (name,)
-    tool = body.held_by.tool
-    if isinstance(tool, GripConfig):
+    held = body.held_by
+    if held is not None and held.grip is not None:
         return pad_names(name)
-    if len(tool.cups) == 1:
-        return (name,)
-    return tuple(f"{name}_cup{k + 1}" for k in range(len(tool.cups)))
+    cups = held.suction.cups if held is not None and held.suction is not None else ()
+    return (name,) if len(cups) < 2 else tuple(f"{name}_cup{k + 1}" for k in range(len(cups)))
 
 
 def pad_names(name: str) -> tuple[str, str]:

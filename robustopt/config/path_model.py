@@ -123,7 +123,7 @@ class PathConfig(Section):
         description="with steps: height of the pelvis over the soles; default: as in the model's first keyframe [m]",
     )
     rail: RailConfig | None = Field(
-        default=None, description="with steps: a rail on which a hand rests in one position all the way"
+        default=None, description="with steps: a rail on which a hand rests in one position throughout"
     )
 
     @property

@@ -166,7 +166,13 @@ def _size(polygon: Array) -> float:
 
 
 def scaled(cone: UnitCone, polygon: Array, mu: float) -> Array:
-    """Return the facets of a unit cone for a coefficient of friction and the size of a patch, (F, 6)."""
+    """Return the facets of a unit cone for a coefficient of friction and the size of a patch, (F, 6).
+
+    Args:
+        cone: the unit cone.
+        polygon: corners of the patch (n, 2) [m].
+        mu: coefficient of friction.
+    """
     size = _size(polygon)
     return np.asarray(cone.facets / np.array([mu, mu, 1.0, size, size, mu * size]))
 

@@ -10,7 +10,7 @@ from robustopt.arrays import Array, Flags, Indices
 from robustopt.limits.formulas import evaluate
 from robustopt.limits.names import LimitName
 from robustopt.limits.polygons import Loads, Polygons, cut_part, facet_family
-from robustopt.limits.systems import TWIST, ContactSystem
+from robustopt.limits.systems import SLIPS, TIPS, TWIST, ContactSystem
 
 NO_BASE, NO_TERMS = np.zeros((0, 0, 3)), np.zeros((0, 0, 0))
 
@@ -64,10 +64,11 @@ class ContactLimit:
     def cut(self, polygons: Polygons, index: Indices, used: Flags) -> Polygons:
         """Return the polygons cut with the rows; see `Limit`.
 
-        Rows of the twist come last, so that a pure slip, which they bound alike, is not named after the twist.
+        Of an object that a force presses against the tool, peel comes before slip, and twist last. At a wrench that
+        several of them bound alike the first one gives its name: a pull-off is peel, and a slip without twist is slip.
         """
-        twists = self.kinds == TWIST
-        for rows in (~twists, twists) if twists.any() else (~twists,):
+        every = np.ones(len(self.kinds), dtype=bool)
+        for rows in [self.kinds == kind for kind in (TIPS, SLIPS, TWIST)] if self.system.pressed else [every]:
             chosen = used[self.kinds] & rows
             family = facet_family(self.facets[chosen], self.loads, index[self.kinds[chosen]])
             polygons = cut_part(polygons, family, self.first, self.last)

@@ -80,6 +80,11 @@ def hand_systems(
 def hand_force(config: Config, hand: Hand, friction: Mapping[str, float]) -> float:
     """Return the lowest closing force of a hand, less the part that an internal force uses up [N].
 
+    Args:
+        config: the configuration.
+        hand: the hand.
+        friction: coefficient of friction of each contact by its name.
+
     Raises:
         RobotError: nothing is left of it.
     """

@@ -183,7 +183,12 @@ class TimeScalingProblem:
         return float(self.limits.torque.excess(u, x, points)[:, counted].max(initial=-1.0))
 
     def torques(self, u: Array, x: Array) -> Array:
-        """Return the nominal joint torques at the grid points, payload and joint friction included, (P, n) [N m]."""
+        """Return the nominal joint torques at the grid points, payload and joint friction included, (P, n) [N m].
+
+        Args:
+            u: sdd at each grid point (P,).
+            x: sd^2 at each grid point (P,).
+        """
         return self.limits.torque.torques(u, x) * self.robot.limits.torque
 
 

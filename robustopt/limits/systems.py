@@ -21,8 +21,8 @@ from robustopt.limits.names import LimitKind, LimitName
 from robustopt.scene.patches import eroded, patches
 from robustopt.scene.placement import supports
 
-TWIST = 2
-"""Index of the name of the rows that bound the twist of a single contact; those that slip and that tip come before."""
+SLIPS, TIPS, TWIST = range(3)
+"""Index of the name of the rows of a single contact: those that bound slip, tipping or peel, and the twist."""
 
 
 @dataclass(frozen=True, eq=False)

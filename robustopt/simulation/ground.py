@@ -11,13 +11,12 @@ import numpy as np
 
 from robustopt.arrays import Array
 from robustopt.config import FEET, Config, RailConfig
-from robustopt.errors import ConfigError
 from robustopt.path.footsteps import footsteps
 from robustopt.robot import Robot
 from robustopt.robot.model_file import USUAL
 from robustopt.scene.rail import rail_box
 from robustopt.simulation.interfaces import Grounded, stands
-from robustopt.simulation.parameters import Parameters
+from robustopt.simulation.parameters import Parameters, require_some_left
 from robustopt.simulation.physics import PREFIX, quaternion
 
 FLOOR, RAIL = PREFIX + "floor", PREFIX + "rail"
@@ -121,10 +120,7 @@ def _inset(spec: mujoco.MjSpec, contact: str, axes: Array, inset: float) -> None
     middle = np.mean([sphere.pos for sphere in spheres], axis=0)
     for sphere in spheres:
         away = (sphere.pos - middle) @ axes
-        if np.any(np.abs(away[:2]) < inset):
-            raise ConfigError(
-                f"found {inset:g} m, which leaves nothing of {contact}", key=f"execution.truth.contact_inset.{contact}"
-            )
+        require_some_left(contact, inset, np.abs(away[:2]))
         sphere.pos = sphere.pos - axes @ (inset * np.append(np.sign(away[:2]), 0.0))
 
 

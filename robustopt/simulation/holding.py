@@ -28,7 +28,7 @@ from robustopt.scene.placement import CARRIER as CARRIER_FRAME
 from robustopt.scene.placement import TRAY, Frame, placements
 from robustopt.simulation.interfaces import Held
 from robustopt.simulation.objects import CARRIER, add_pose_sensor, pose_sensor
-from robustopt.simulation.parameters import Parameters
+from robustopt.simulation.parameters import Parameters, require_some_left
 from robustopt.simulation.physics import PREFIX, add_contact, quaternion
 
 RADIUS = 0.002
@@ -181,6 +181,8 @@ def _add_vacuum(spec: mujoco.MjSpec, hold: Hold, patch: Patch, force: float) -> 
 def _shrunk(patch: Patch, inset: float) -> Array:
     """Return the contact points in the plane of the patch, moved inwards by an inset [m], (k, 2)."""
     points = patch.polygon
-    if patch.law is Law.SUCTION:
-        return np.asarray(points * (1.0 - inset / np.linalg.norm(points, axis=1, keepdims=True)))
-    return np.asarray(points - inset * np.sign(points))
+    if inset == 0.0:
+        return points
+    reach = np.linalg.norm(points, axis=1, keepdims=True) if patch.law is Law.SUCTION else np.abs(points)
+    require_some_left(patch.name, inset, reach)
+    return np.asarray(points - inset * (points / reach))

@@ -175,15 +175,6 @@ class MeasuredContact:
     force: Array
     center_of_pressure: Array
 
-    @classmethod
-    def of(cls, place: Place, force: Array, moment: Array, point: Array, timestep: float) -> MeasuredContact:
-        """Return it from force and moment about a point, world axes (N, 3) each; place: a plane of the contact."""
-        whole = moment + np.cross(point - place.position, force)
-        force, whole = low_passed(force @ place.axes, timestep), low_passed(whole @ place.axes, timestep)
-        lift = np.where(force[:, 2] > LEAST_FORCE, force[:, 2], np.nan)
-        pressure = np.column_stack([-whole[:, 1], whole[:, 0]]) / lift[:, None]
-        return cls(force, place.world(pressure)[:, :2])
-
 
 @dataclass(frozen=True)
 class Grounded:
@@ -226,10 +217,14 @@ class Grounded:
 
     def measured(self, record: Record, i: int, timestep: float) -> MeasuredContact:
         """Return the force of the floor or rail on the contact in the trial with index i."""
-        wrench = record.sensors[i][:, self.sensor + 7 : self.sensor + 16].copy()
+        wrench, place = record.sensors[i][:, self.sensor + 7 : self.sensor + 16].copy(), self.stands[0].place
         force, moment, point = np.split(wrench, 3, axis=1)
         # The sensor measures the force of the contact on the floor or the rail.
-        return MeasuredContact.of(self.stands[0].place, -force, -moment, point, timestep)
+        whole = -moment + np.cross(point - place.position, -force)
+        force, whole = low_passed(-force @ place.axes, timestep), low_passed(whole @ place.axes, timestep)
+        lift = np.where(force[:, 2] > LEAST_FORCE, force[:, 2], np.nan)
+        pressure = np.column_stack([-whole[:, 1], whole[:, 0]]) / lift[:, None]
+        return MeasuredContact(force, place.world(pressure)[:, :2])
 
 
 @dataclass(frozen=True)

@@ -115,6 +115,13 @@ def actual_parameters(nominal: Parameters, config: Config, random: np.random.Gen
     return Parameters(friction, bodies, force, truth.contact_inset)
 
 
+def require_some_left(contact: str, inset: float, reach: Array) -> None:
+    """Check that an inset [m] is less than the distances of contact points from the middle of their contact [m]."""
+    if np.any(reach < inset):
+        message = f"found {inset:g} m, which leaves nothing of {contact}; expected less than {reach.min():g} m"
+        raise ConfigError(message, key=f"execution.truth.contact_inset.{contact}")
+
+
 def _actual_body(name: str, nominal: BodyParameters, truth: TruthConfig, sample: Sampler) -> BodyParameters:
     mass = sample(truth.mass.get(name, nominal.mass), truth.variation.mass.get(name, 0.0), True)
     centre = truth.center_of_mass.get(name, tuple(nominal.center_of_mass))

@@ -115,7 +115,7 @@ class World:
             dofs=np.array([joint.dofadr[0] for joint in joints]),
             control=model.actuator_ctrladr[[model.actuator(PREFIX + name).id for name in self.joint_names]],
             bodies={
-                **{model.body(k).name: k for k in range(1, model.nbody)},
+                **{name: k for k in range(1, model.nbody) if not (name := model.body(k).name).startswith(PREFIX)},
                 **tray,
                 **{name: model.body(PREFIX + name).id for name in self.config.objects},
             },

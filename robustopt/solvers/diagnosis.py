@@ -130,16 +130,20 @@ def _conflicts(problem: TimeScalingProblem) -> Iterator[tuple[str, ...]]:
 
 
 def _told_apart(problem: TimeScalingProblem, conflicts: list[tuple[str, ...]]) -> Iterator[tuple[str, ...]]:
-    """Yield the conflicts without slip that only accompanies tipping.
+    """Yield the conflicts without slip that only accompanies tipping or peel, and twist that only accompanies slip.
 
-    An object that tips also pivots, and no friction would hold it.
+    An object that tips or peels also pivots, and no friction would hold it. An object that slips exceeds the rows of
+    the twist too.
     """
     together = {limit for conflict in conflicts for limit in conflict}
     names = [limit.names for limit in problem.limits.contacts]
     tipping: dict[str, str] = {
-        pair[0]: pair[1] for pair in names if len(pair) == 2 and pair[1].kind == LimitKind.TIPPING
+        own[0]: own[1] for own in names if len(own) > 1 and own[1].kind in (LimitKind.TIPPING, LimitKind.PEEL)
     }
+    twists = {own[2] for own in names if len(own) > 2 and together.intersection(own[:2])}
     for conflict in conflicts:
+        if twists.issuperset(conflict):
+            continue
         tips = all(tipping.get(limit) in together for limit in conflict)
         frictions = candidates(problem, conflict) if tips else ()
         held = [_trial(problem, candidate, conflict)(1.0) for candidate in frictions if ".friction" in candidate.key]

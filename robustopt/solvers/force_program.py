@@ -125,9 +125,10 @@ def overlooked_rows(
     """Return the rows that `missing_rows` has not found though a timing violates them, and programs solved.
 
     A dual and the parameters that are worst for it can agree with each other while another dual, for other parameters,
-    is violated. If all rows of the cone are explicit, all are looked at, so that nothing is overlooked. Otherwise
-    programs are solved for other corners of the box of the parameters, those worst for random directions: no proof, but
-    of 180 tasks with wide intervals, none kept a violation above 1e-6 of the weight. Arguments as of `missing_rows`.
+    is violated. If all rows of the cone are explicit, all are evaluated, so that nothing is overlooked. Otherwise
+    programs are solved for other corners of the box of the parameters, the worst ones for random directions. That is no
+    proof, but of 180 tasks with wide intervals none kept a violation above 1e-6 of the weight. Arguments as of
+    `missing_rows`.
     """
     certain = _is_certain(limit.loads)
     explicit = limit.facets[:0], limit.kinds[:0]
@@ -153,7 +154,10 @@ def _is_certain(loads: Loads) -> bool:
 
 
 def violated_facets(limit: ContactLimit, points: Indices, u: Array, x: Array) -> Rows:
-    """Return the explicit row of a system that is worst at each point, if it is violated and not known yet."""
+    """Return the explicit row of a system that is worst at each point, if it is violated and not known yet.
+
+    Arguments as of `missing_rows`.
+    """
     facets = limit.system.facets / limit.weight
     if not len(facets):
         return limit.facets[:0], limit.kinds[:0]

@@ -131,6 +131,35 @@ def _barrier(x, ds, slack, weight):
 
 
 @compiled()
+def _add_barrier(G1, G2, at, slack, weight, gradient, diagonal, off):
+    """Turn the derivatives of the duration into the derivatives of the barrier."""
+    gradient *= weight
+    diagonal *= weight
+    off *= weight
+    for k in range(len(at)):
+        i, w = at[k], 1.0 / slack[k]
+        gradient[i] += w * G1[k]
+        gradient[i + 1] += w * G2[k]
+        diagonal[i] += w * w * G1[k] * G1[k]
+        diagonal[i + 1] += w * w * G2[k] * G2[k]
+        off[i] += w * w * G1[k] * G2[k]
+
+
+@compiled()
+def _step_inside(G1, G2, at, x, dx, slack, free):
+    """Return the length of the step dx, at most 1, that keeps away from all bounds."""
+    step = 1.0
+    for i in range(len(x)):
+        if free[i] and dx[i] < 0.0:
+            step = min(step, -TO_BOUNDARY * x[i] / dx[i])
+    for k in range(len(at)):
+        closing = G1[k] * dx[at[k]] + G2[k] * dx[at[k] + 1]
+        if closing > 0.0:
+            step = min(step, TO_BOUNDARY * slack[k] / closing)
+    return step
+
+
+@compiled()
 def polish(a, b, c, x_max, ds, feasible):
     """Find the minimum-time timing on some rows, starting from a feasible timing.
 
@@ -165,26 +194,10 @@ def polish(a, b, c, x_max, ds, feasible):
     weight = n / (FIRST_GAP * duration)
     for _ in range(STEPS):
         duration = _derivatives(x, ds, gradient, diagonal, off)
-        gradient *= weight
-        diagonal *= weight
-        off *= weight
-        for k in range(n):
-            i, w = at[k], 1.0 / slack[k]
-            gradient[i] += w * G1[k]
-            gradient[i + 1] += w * G2[k]
-            diagonal[i] += w * w * G1[k] * G1[k]
-            diagonal[i + 1] += w * w * G2[k] * G2[k]
-            off[i] += w * w * G1[k] * G2[k]
+        _add_barrier(G1, G2, at, slack, weight, gradient, diagonal, off)
         _solve_tridiagonal(diagonal, off, -gradient, free, work, dx)
         decrement = -np.dot(gradient, dx)
-        step = 1.0
-        for i in range(P):
-            if free[i] and dx[i] < 0.0:
-                step = min(step, -TO_BOUNDARY * x[i] / dx[i])
-        for k in range(n):
-            closing = G1[k] * dx[at[k]] + G2[k] * dx[at[k] + 1]
-            if closing > 0.0:
-                step = min(step, TO_BOUNDARY * slack[k] / closing)
+        step = _step_inside(G1, G2, at, x, dx, slack, free)
         value = _barrier(x, ds, slack, weight)
         while step > 1e-12:
             enough = value - 0.01 * step * decrement + 1e-12 * abs(value)
