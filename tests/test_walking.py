@@ -15,6 +15,11 @@ from scipy.optimize import linprog
 from walkers import believing, walker_of
 
 from robustopt.certificate import certify
+from robustopt.certificate.balance import required_by_base
+from robustopt.certificate.joints import torques
+from robustopt.certificate.loads import body_loads
+from robustopt.certificate.motion import instants, motion, stances
+from robustopt.certificate.world import build_world
 from robustopt.cli import run
 from robustopt.config import Config
 from robustopt.config.load import load_config, with_values
@@ -339,6 +344,39 @@ def test_a_plan_for_less_uncertainty_fails_its_certificate(plan: Plan, values: d
 def test_a_full_certificate_agrees_and_is_the_same_again(problem: TimeScalingProblem, plan: Plan) -> None:
     quick, again = certify(plan, seed=3), certify(plan, seed=3, config=with_values(problem.config, {}))
     assert quick == again
+
+
+def test_base_and_joints_require_the_forces_of_mujocos_inverse_dynamics(
+    problem: TimeScalingProblem, plan: Plan
+) -> None:
+    """With random masses, centres of mass and errors, and the torques of a foot that stands alone."""
+    config = with_values(problem.config, UNCERTAIN)
+    at = instants(plan, ())
+    stance = stances(plan, at)
+    world = build_world(config, problem.robot, problem.path, stance)
+    moving, joints = motion(plan, at, world.links)
+    here = np.flatnonzero((stance == 1) & (at.free > 0))[::7]
+    values = world.sample(np.random.default_rng(4), 1, corners=False).at(0).repeated(len(here))
+    there = moving.at(here)
+    loads = body_loads(world, there, values)
+    (contact,) = problem.path.stances[1].contacts
+    base = required_by_base(world, there, loads, values.error)
+    torque = torques(world, joints.at(here).standing_on(contact, there), there.free, loads, values)
+    names = [body.name for body in world.bodies]
+    bodies = {
+        name: (
+            values.mass[names.index(name), 0],
+            problem.robot.inertia_of(name)[1] + values.com[names.index(name), :, 0],
+        )
+        for name in world.links
+    }
+    s, sd = at.s[here], np.sqrt(at.x[here])[:, None]
+    q, q1, q2 = (problem.path(s, order) for order in range(3))
+    qdd = q1 * at.u[here][:, None] + q2 * sd**2 + values.error.T
+    force, _, jacobians = problem.robot.inverse_dynamics(q, q1 * sd, qdd, bodies)
+    np.testing.assert_allclose(base.T, force[:, :BASE], rtol=1e-8, atol=1e-6)
+    expected = force[:, BASE:] - np.einsum("tkm,tk->tm", jacobians[contact][:, :, BASE:], force[:, :BASE])
+    np.testing.assert_allclose(torque.T, expected, rtol=1e-8, atol=1e-6)
 
 
 # Planned forces -------------------------------------------------------------------------------------------

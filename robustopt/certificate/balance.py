@@ -14,7 +14,7 @@ import numpy as np
 
 from robustopt.arrays import Array, Flags
 from robustopt.certificate.bodies import Parameters
-from robustopt.certificate.contact_points import Contacts, even_pressure, simply_held
+from robustopt.certificate.contact_points import Contacts, even_pressure, least_forces, simply_held
 from robustopt.certificate.force_closure import GAP, Gauge, gauge, seen_from
 from robustopt.certificate.loads import Functional, Load, body_loads
 from robustopt.certificate.motion import Motion
@@ -162,11 +162,20 @@ def _held_at(system: System, contacts: Contacts, holds: Sequence[Hold], rest: Ar
 
 
 def certainly_held(system: System, contacts: Contacts, rows: Array) -> Flags:
-    """Return whether simple forces balance rows (rows, T), and friction their twist: sufficient, not necessary."""
-    held = simply_held(contacts, rows)
-    for own in system.holds:
-        hold = system.hold(own, contacts)
-        held &= spread_evenly(hold, hold.effort(contacts, rows))
+    """Return whether simple forces balance rows (rows, T), and friction their twist: sufficient, not necessary.
+
+    Where a single face holds a single block, further axes may stand before T.
+    """
+    holds = [system.hold(own, contacts) for own in system.holds]
+    if system.simple:
+        held = simply_held(contacts, rows)
+        efforts = [hold.effort(contacts, rows) for hold in holds]
+    else:
+        c = least_forces(contacts, rows)
+        held = (c[0] >= np.hypot(c[1], c[2])).all(axis=0)
+        efforts = [hold.of_forces(contacts, c) for hold in holds]
+    for hold, effort in zip(holds, efforts, strict=True):
+        held = held & spread_evenly(hold, effort)
     return held
 
 
@@ -197,12 +206,12 @@ def _shared(
     """Return the gauge of blocks that share holds with prescribed pressure, each of which must keep its twist."""
     count = rest.shape[-1]
     enough = np.broadcast_to(np.asarray(enough, dtype=float), (count,))
-    result = gauge(contacts, rest, move, enough, gap)
+    result, allowed = gauge(contacts, rest, move, enough, gap), max(CUT_GAP, gap)
     index, cuts = np.arange(count), np.zeros((0, *result.force.shape))
     for _ in range(MOST_CUTS):
         own, force = contacts[index], result.force[..., index]
         found = [_worst_cut(own, hold[index], force) for hold in holds]
-        exceeds = np.any([excess > CUT_GAP for excess, _ in found], axis=0) & np.isfinite(result.value[index])
+        exceeds = np.any([excess > allowed for excess, _ in found], axis=0) & np.isfinite(result.value[index])
         if not exceeds.any():
             break
         kept = np.flatnonzero(exceeds)

@@ -120,6 +120,26 @@ class Contacts:
             parts.append(np.einsum("cint,iknt->cknt", self.cuts[:, :, face.part], c))
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
+    def stiffness(self, columns: Array) -> Array:
+        """Return sum_i A_i C_i C_i^T A_i^T, (rows, rows, T), for matrices C_i of force coordinates, (3, 3, n, T)."""
+        rows = self.rows + (0 if self.cuts is None else len(self.cuts))
+        matrix = np.zeros((rows, rows, columns.shape[-1]))
+        for face in self.faces:
+            own = self.columns(face, columns[:, :, face.part])
+            own = own.reshape(len(own), -1, own.shape[-1])
+            stiffness = np.stack([(row * own).sum(axis=1) for row in own])
+            places = [(slice(6 * face.above, 6 * face.above + 6), slice(0, 6), 1.0)]
+            if face.below >= 0:
+                places.append((slice(6 * face.below, 6 * face.below + 6), slice(0, 6), -1.0))
+            first = 6
+            for extra in self.extra(face):
+                places.append((extra, slice(first, first + extra.stop - extra.start), 1.0))
+                first += extra.stop - extra.start
+            for a, part_a, sign_a in places:
+                for b, part_b, sign_b in places:
+                    matrix[a, b] += sign_a * sign_b * stiffness[part_a, part_b]
+        return matrix
+
     def pressed(self, c: Array) -> Array:
         """Return sum_i A_i c_i, the rows that forces c (3, n, T) exert, (rows, T)."""
         out = np.zeros((self.rows + (0 if self.cuts is None else len(self.cuts)), c.shape[-1]))
@@ -186,6 +206,19 @@ def even_pressure(contacts: Contacts, programs: int) -> Array:
     c = np.zeros((3, contacts.mu.shape[0], programs))
     c[0] = 1.0 / c.shape[1]
     return contacts.pressed(c)
+
+
+def least_forces(contacts: Contacts, rows: Array) -> Array:
+    """Return the forces (3, n, T) that exert rows (rows, T) and are nearest to an even pressure of the same size."""
+    points, programs = contacts.mu.shape[0], rows.shape[-1]
+    c = np.zeros((3, points, programs))
+    even = contacts.inside @ even_pressure(contacts, programs)
+    c[0] = np.maximum(contacts.inside @ rows / even, 0.0) / points
+    unit = np.broadcast_to(np.eye(3)[:, :, None, None], (3, 3, points, programs))
+    matrix = np.moveaxis(contacts.stiffness(unit), -1, 0)
+    lacking = rows - contacts.pressed(c)
+    y = np.asarray(np.linalg.solve(matrix, lacking.T[:, :, None])[:, :, 0].T, dtype=float)
+    return c + contacts.seen(y)
 
 
 def simply_held(contacts: Contacts, wrench: Array) -> Flags:

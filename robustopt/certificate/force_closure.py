@@ -26,7 +26,7 @@ import numpy as np
 
 from robustopt.arrays import Array, Flags, Indices
 from robustopt.certificate.cone_algebra import Scaling, cholesky, divide, ray, reach, solve, square
-from robustopt.certificate.contact_points import Contacts, Face, even_pressure
+from robustopt.certificate.contact_points import Contacts, even_pressure
 
 GAP = 1e-8
 """Width of the bracket of gamma, and unbalanced share of the wrench, at which a program is solved: a hundredth of the
@@ -177,12 +177,14 @@ class _InteriorPoint:
     def _along(self, level: Array) -> Array:
         """Return the rows of g rest and of the values of the cuts, (rows, T), for levels (1 + C, T)."""
         out = self.rest * level[0]
-        out[self.contacts.rows :] += level[1:]
+        if len(level) > 1:
+            out[self.contacts.rows :] += level[1:]
         return out
 
     def _onto(self, y: Array) -> Array:
         """Return y rest and y of the cuts, (1 + C, T), for y (rows, T)."""
-        return np.concatenate([(self.rest * y).sum(axis=0)[None], y[self.contacts.rows :]])
+        along = (self.rest * y).sum(axis=0)[None]
+        return along if self.contacts.cuts is None else np.concatenate([along, y[self.contacts.rows :]])
 
     def _bracket(self) -> None:
         """Update slacks, bounds and residual of the iterate; put aside the programs that are solved or hopeless."""
@@ -252,26 +254,7 @@ class _InteriorPoint:
         matrix = scaled_rest[:, None] * scaled_rest
         cuts = np.arange(self.contacts.rows, len(matrix))
         matrix[cuts, cuts] += root[1:] ** 2
-        columns = scaling.matrix()
-        for face in self.contacts.faces:
-            rows = self.contacts.columns(face, columns[:, :, face.part])
-            rows = rows.reshape(len(rows), -1, rows.shape[-1])
-            stiffness = np.stack([(row * rows).sum(axis=1) for row in rows])
-            self._add(matrix, face, stiffness)
-        return cholesky(matrix)
-
-    def _add(self, matrix: Array, face: Face, stiffness: Array) -> None:
-        """Add the stiffness of a face (6 + extra rows, its square, T) at its rows of the matrix (rows, rows, T)."""
-        places = [(slice(6 * face.above, 6 * face.above + 6), slice(0, 6), 1.0)]
-        if face.below >= 0:
-            places.append((slice(6 * face.below, 6 * face.below + 6), slice(0, 6), -1.0))
-        first = 6
-        for rows in self.contacts.extra(face):
-            places.append((rows, slice(first, first + rows.stop - rows.start), 1.0))
-            first += rows.stop - rows.start
-        for a, part_a, sign_a in places:
-            for b, part_b, sign_b in places:
-                matrix[a, b] += sign_a * sign_b * stiffness[part_a, part_b]
+        return cholesky(matrix + self.contacts.stiffness(scaling.matrix()))
 
     def _step(
         self, factor: Array, scaling: Scaling, scaled: Array, scaled_level: Array, right: Array, right_level: Array

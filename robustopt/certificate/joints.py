@@ -58,21 +58,20 @@ def torques(world: World, joints: Joints, free: Array, loads: Sequence[Load], va
 
     Joints that do not move count with their dry friction on the worse side.
     """
-    error, squeeze = values.error, values.force[-1]
-    shape = np.broadcast_shapes(error.shape[1:], joints.torque.shape[1:])
-    torque = np.broadcast_to(joints.torque, (len(joints.torque), *shape)).copy()
+    wrenches: dict[str, Array] = {}
     for body, (rest, move) in zip(world.bodies, loads, strict=True):
         if body.payload:
-            for k, part in enumerate(rest + move):
-                torque += joints.to_torque[body.frame][:, k] * part
-    for other, value in enumerate(error):
-        if np.any(value):
-            torque += joints.inertia[:, other] * (free * value)
-    if np.any(squeeze):
-        torque += joints.squeeze * squeeze
-    if np.any(joints.sticking):
-        torque += joints.sticking * np.where(torque < 0.0, -1.0, 1.0)
-    return torque
+            wrenches[body.frame] = wrenches.get(body.frame, 0.0) + rest + move
+    shaking = [(other, free * value) for other, value in enumerate(values.error) if np.any(value)]
+    torque = []
+    for j, total in enumerate(joints.torque):
+        for frame, wrench in wrenches.items():
+            total = total + sum(joints.to_torque[frame][j, k] * part for k, part in enumerate(wrench))
+        for other, value in shaking:
+            total = total + joints.inertia[j, other] * value
+        total = total + joints.squeeze[j] * values.force[-1]
+        torque.append(total + joints.sticking[j] * np.where(total < 0.0, -1.0, 1.0))
+    return np.stack(torque)
 
 
 def check_torque(

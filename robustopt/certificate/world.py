@@ -29,6 +29,9 @@ many corners: it contains the planner's polygon and lies inside the true disc, w
 SOLE = 0.1
 """Unit of length of the force programs of the base [m]: about half a foot."""
 
+TWIST_EDGES = 16
+"""Edges of the coarsest friction polygon that the planner bounds a twist with, if none has fewer."""
+
 WEIGHT = 9.81
 """Unit of their force per mass [m/s^2]."""
 
@@ -265,7 +268,7 @@ class _Scene:
         at: Indices | None = None,
     ) -> System:
         scale = scale_of(placed, force, None if at is None else SOLE)
-        polygon = float(np.cos(np.pi / self.config.contact.cone_edges))
+        polygon = float(np.cos(np.pi / min(self.config.contact.cone_edges, TWIST_EDGES)))
         return make_system(name, placed, blocks, self.fingers, scale, len(self.contacts) + 1, polygon, at)
 
 
