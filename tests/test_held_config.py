@@ -43,6 +43,11 @@ MISTAKES = {
         f"{HELD}.suction.cups[0]",
         "reaches 12.4 mm beyond the top face of the part; expected",
     ),
+    "cups overlap": (
+        f"{HELD}.suction.cups=[{{at: [-0.01, 0], radius: 0.02}}, {{at: [0.02, 0], radius: 0.02}}]",
+        f"{HELD}.suction.cups[1]",
+        "the lip overlaps that of cups[0] by 10 mm; expected lips apart",
+    ),
     "no cups": (f"{HELD}.suction.cups=[]", f"{HELD}.suction.cups", "found no cups; expected at least one"),
     "no force": (f"{HELD}.suction.force=0", f"{HELD}.suction.force", "found 0; expected a number above 0"),
     "no force in an interval": (

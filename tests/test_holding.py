@@ -122,7 +122,10 @@ def test_a_held_part_creeps_less_than_a_hundredth_of_a_millimetre_per_second(cas
 
 # Thresholds with twist ------------------------------------------------------------------------------------
 
+TWO = {"suction": {"cups": [{"at": [-0.05, 0], "radius": 0.02}, {"at": [0.05, 0], "radius": 0.02}], "force": F}}
+
 TWISTED = [
+    *((TWO, {"size": [0.2, 0.2, 0.04], "center_of_mass": [off, 0.5 * off, 0.0]}, 0.5, Y) for off in (0.01, 0.04)),
     *((cup(), {"size": [0.2, 0.2, 0.04], "center_of_mass": [off, 0.0, 0.0]}, mu, d)
       for off in (0.005, 0.01, 0.02) for mu in (0.3, 0.8) for d in (Y, slanted(np.pi / 4))),
     *((grip(), BLOCK | {"center_of_mass": [0.0, off, 0.0]}, mu, d)
@@ -141,9 +144,9 @@ def planned_acceleration(held_by: dict[str, Any], part: dict[str, Any], mu: floa
 
 
 @pytest.mark.parametrize(("held_by", "part", "mu", "direction"), TWISTED)
-def test_a_twisted_part_yields_no_earlier_than_planned_and_at_most_a_quarter_later(held_by, part, mu, direction):
+def test_a_twisted_part_yields_no_earlier_than_planned_and_at_most_a_fifth_later(held_by, part, mu, direction):
     plan = planned_acceleration(held_by, part, mu, direction)
-    below, above = accelerated(holding(held_by, friction=mu, **part), direction, plan * np.array([0.995, 1.25]))
+    below, above = accelerated(holding(held_by, friction=mu, **part), direction, plan * np.array([0.995, 1.2]))
     assert not fails(below)
     assert fails(above)
 

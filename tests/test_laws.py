@@ -232,7 +232,7 @@ def stretches(plan: Plan, pressure: str) -> list[float]:
     part, contact = plan.problem.config.objects["part"], plan.problem.config.contact
     assert part.size is not None
     mu, edges, down = float(contact.friction), contact.cone_edges, np.diag([1.0, -1.0, -1.0])  # type: ignore[arg-type]
-    lips = np.vstack([LIP + [x, 0.0] for x, _, _ in ROW])
+    lips = np.vstack([LIP + np.array([x, 0.0]) for x, _, _ in ROW])
     cone = edge_wrenches(np.column_stack([lips, np.zeros(len(lips))]), np.eye(3), mu, edges)
     vacuum = np.sum([[0.0, 0.0, -30.0, 0.0, 30.0 * x, 0.0] for x, _, _ in ROW], axis=0)
     arm = np.array([*part.center_of_mass[:2], 0.0]) @ down + [0.0, 0.0, 0.5 * part.size[2]]
@@ -265,8 +265,9 @@ def test_a_plan_with_two_cups_is_possible_and_hardly_more_is(pressure: str, dire
     config = holding(cups(*ROW, pressure=pressure), level(*direction), mu=0.4, **part)
     for method in ("reachability", "ipopt"):
         found = stretches(plan_of(config, method), pressure)
-        tolerance = {"fixed": 2e-3, "free": 1e-6}[pressure]
-        assert found == pytest.approx([1.0, 1.0], rel=tolerance)
+        tolerance = {"fixed": 4e-3, "free": 1e-6}[pressure]
+        assert min(found) > 1.0 - 1e-6
+        assert max(found) < 1.0 + tolerance
 
 
 def test_both_solvers_find_the_same_plan_of_held_parts() -> None:

@@ -1,14 +1,12 @@
 """Balance of a contact system: the gauge of the rows that it requires, with prescribed pressure where that counts.
 
-Where one hold alone has a block, its effort is known, and the gauge is the larger one of those of the free cone and of
-the twist. Where several share, the program may choose any sharing that keeps each of them within its twist. Cuts are
-added to it until it does: after each solution the rate of motion that is worst for each hold.
+A hold has its block alone, so its effort is known, and the gauge is the larger one of those of the free cone and of the
+twist.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -21,16 +19,6 @@ from robustopt.certificate.motion import Motion
 from robustopt.certificate.systems import System
 from robustopt.certificate.twist import Hold, spread_evenly, twist_gauge
 from robustopt.certificate.world import World
-
-MOST_CUTS = 16
-"""Rounds of cuts; five are usual."""
-
-CUT_GAP = 1e-6
-"""Share by which a hold in a sharing may exceed its twist: as much as a certificate forgives."""
-
-LOADED = 1e-3
-"""A hold with less than this share of all normal forces counts as having this share when its twist is looked at."""
-
 
 # Required rows --------------------------------------------------------------------------------------------
 
@@ -142,15 +130,14 @@ def gauge_of(
         gap: accuracy.
         held: (T,) whether `rest` is held, if that is known.
     """
-    holds = [system.hold(own, contacts) for own in system.holds]
-    held = _held_at(system, contacts, holds, rest) if held is None else held
+    held = _held_at(system, contacts, rest) if held is None else held
     rest, move = seen_from(contacts, held, rest, move)
-    if holds:
-        return (_known if system.known else _shared)(contacts, holds, rest, move, enough, gap)
-    return gauge(contacts, rest, move, enough, gap)
+    if system.hold is None:
+        return gauge(contacts, rest, move, enough, gap)
+    return _held_gauge(contacts, system.hold_of(contacts), rest, move, enough, gap)
 
 
-def _held_at(system: System, contacts: Contacts, holds: Sequence[Hold], rest: Array) -> Flags:
+def _held_at(system: System, contacts: Contacts, rest: Array) -> Flags:
     """Return whether forces balance `rest` (rows, T), with prescribed pressure where that counts."""
     held = certainly_held(system, contacts, rest)
     doubtful = np.flatnonzero(~held)
@@ -166,72 +153,31 @@ def certainly_held(system: System, contacts: Contacts, rows: Array) -> Flags:
 
     Where a single face holds a single block, further axes may stand before T.
     """
-    holds = [system.hold(own, contacts) for own in system.holds]
     if system.simple:
         held = simply_held(contacts, rows)
-        efforts = [hold.effort(contacts, rows) for hold in holds]
     else:
         c = least_forces(contacts, rows)
         held = (c[0] >= np.hypot(c[1], c[2])).all(axis=0)
-        efforts = [hold.of_forces(contacts, c) for hold in holds]
-    for hold, effort in zip(holds, efforts, strict=True):
-        held = held & spread_evenly(hold, effort)
+    if system.hold is not None:
+        hold = system.hold_of(contacts)
+        held = held & spread_evenly(hold, hold.effort(contacts, rows))
     return held
 
 
-def _known(
-    contacts: Contacts, holds: Sequence[Hold], rest: Array, move: Array, enough: Array | float, gap: float
-) -> Gauge:
-    """Return the gauge of a block that one hold with prescribed pressure has.
+def _held_gauge(contacts: Contacts, hold: Hold, rest: Array, move: Array, enough: Array | float, gap: float) -> Gauge:
+    """Return the gauge of a block that a hold with prescribed pressure has.
 
     Where simple forces show that the free gauge is good enough, that of the twist stands for both.
     """
-    hold, doubtful = holds[0], np.flatnonzero(~simply_held(contacts, enough * rest + move))
+    doubtful = np.flatnonzero(~simply_held(contacts, enough * rest + move))
     at_rest, moved = hold.effort(contacts, rest), hold.effort(contacts, move)
     value, rates = twist_gauge(hold, at_rest, moved, enough)
     y = hold.rows(contacts, hold.cut(rates, hold.strength(at_rest + moved)))
-    lower, force = value.copy(), np.zeros((3, contacts.mu.shape[0], len(value)))
+    lower = value.copy()
     if len(doubtful):
         least = np.broadcast_to(np.asarray(enough), value.shape)[doubtful]
         free = gauge(contacts[doubtful], rest[:, doubtful], move[:, doubtful], least, gap)
         y[:, doubtful] = np.where(value[doubtful] > free.value, y[:, doubtful], free.y)
         value[doubtful] = np.maximum(value[doubtful], free.value)
         lower[doubtful] = np.maximum(lower[doubtful], free.lower)
-    return Gauge(value, lower, y, force)
-
-
-def _shared(
-    contacts: Contacts, holds: Sequence[Hold], rest: Array, move: Array, enough: Array | float, gap: float
-) -> Gauge:
-    """Return the gauge of blocks that share holds with prescribed pressure, each of which must keep its twist."""
-    count = rest.shape[-1]
-    enough = np.broadcast_to(np.asarray(enough, dtype=float), (count,))
-    result, allowed = gauge(contacts, rest, move, enough, gap), max(CUT_GAP, gap)
-    index, cuts = np.arange(count), np.zeros((0, *result.force.shape))
-    for _ in range(MOST_CUTS):
-        own, force = contacts[index], result.force[..., index]
-        found = [_worst_cut(own, hold[index], force) for hold in holds]
-        exceeds = np.any([excess > allowed for excess, _ in found], axis=0) & np.isfinite(result.value[index])
-        if not exceeds.any():
-            break
-        kept = np.flatnonzero(exceeds)
-        cuts = np.concatenate([cuts, np.stack([cut for _, cut in found])])[..., kept]
-        index = index[kept]
-        again = gauge(replace(contacts[index], cuts=cuts), rest[:, index], move[:, index], enough[index], gap)
-        result.value[index], result.lower[index] = again.value, again.lower
-        result.y[:, index], result.force[..., index] = again.y, again.force
-    return result
-
-
-def _worst_cut(contacts: Contacts, hold: Hold, force: Array) -> tuple[Array, Array]:
-    """Return by how much of its limit forces (3, n, T) exceed the twist of a hold, (T,), and the cut (3, n, T)."""
-    effort = hold.of_forces(contacts, force)
-    least = LOADED * force[0].sum(axis=0)
-    total = np.maximum(sum(force[0, face.part].sum(axis=0) for face in hold.faces), least)
-    even = np.zeros_like(force)
-    for face in hold.faces:
-        even[0, face.part] = total / hold.mu.shape[0]
-    pressed = hold.of_forces(contacts, even)
-    value, rates = twist_gauge(hold, pressed, effort - pressed)
-    cut = hold.cut(rates, hold.strength(effort))
-    return value - 1.0, hold.per_force(contacts, cut / np.linalg.norm(cut, axis=0))
+    return Gauge(value, lower, y)

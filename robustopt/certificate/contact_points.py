@@ -55,31 +55,27 @@ class Contacts:
     point: (3, n, T) contact points, [m] or any other unit of length; an axis T of length 1 is for all programs
     mu: (n, T) coefficients of friction
     inside: (rows,) direction strictly inside the dual cones of all points, see `inner_direction`
-    cuts: (C, 3, n, T) linear forms of the force coordinates that must not be negative
     """
 
     faces: tuple[Face, ...]
     point: Array
     mu: Array
     inside: Array
-    cuts: Array | None = None
 
     @property
     def rows(self) -> int:
-        """Return the number of rows without the cuts."""
+        """Return the number of rows."""
         return len(self.inside)
 
     def __getitem__(self, chosen: slice | Indices) -> Contacts:
         """Return the contacts of some of the programs."""
         point = self.point if self.point.shape[-1] == 1 else self.point[..., chosen]
         mu = self.mu if self.mu.shape[-1] == 1 else self.mu[..., chosen]
-        return replace(self, point=point, mu=mu, cuts=None if self.cuts is None else self.cuts[..., chosen])
+        return replace(self, point=point, mu=mu)
 
-    def extra(self, face: Face) -> list[slice]:
-        """Return the rows of a face besides those of its wrench: its closing force, and all cuts."""
-        row = 6 * (1 + max(other.above for other in self.faces)) + face.closing
-        own = [slice(row, row + 1)] if face.closing >= 0 else []
-        return own if self.cuts is None else [*own, slice(self.rows, self.rows + len(self.cuts))]
+    def closing(self, face: Face) -> int:
+        """Return the row of the closing force of a face that has one."""
+        return 6 * (1 + max(other.above for other in self.faces)) + face.closing
 
     def seen(self, y: Array) -> Array:
         """Return A_i^T y, the part of y (rows, T) that a force at point i sees, in force coordinates, (3, n, T)."""
@@ -93,9 +89,7 @@ class Contacts:
                 seen = tuple(np.einsum("i,inT->nT", axis, np.stack(seen)) for axis in face.axes.T)
             out[0, part], out[1, part], out[2, part] = seen[2], mu * seen[0], mu * seen[1]
             if face.closing >= 0:
-                out[0, part] += y[self.extra(face)[0]]
-        if self.cuts is not None:
-            out += np.einsum("cint,ct->int", self.cuts, y[self.rows :])
+                out[0, part] += y[self.closing(face)]
         return out
 
     def wrenches(self, face: Face, c: Array) -> Array:
@@ -113,17 +107,13 @@ class Contacts:
         return out
 
     def columns(self, face: Face, c: Array) -> Array:
-        """Return `wrenches` with the extra rows of the face behind them; c (3, 3, n_face, T)."""
+        """Return `wrenches` with the row of the closing force behind them, if there is one; c (3, 3, n_face, T)."""
         wrenches = self.wrenches(face, c)
-        parts = [wrenches] if face.closing < 0 else [wrenches, c[:1]]
-        if self.cuts is not None:
-            parts.append(np.einsum("cint,iknt->cknt", self.cuts[:, :, face.part], c))
-        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+        return wrenches if face.closing < 0 else np.concatenate([wrenches, c[:1]])
 
     def stiffness(self, columns: Array) -> Array:
         """Return sum_i A_i C_i C_i^T A_i^T, (rows, rows, T), for matrices C_i of force coordinates, (3, 3, n, T)."""
-        rows = self.rows + (0 if self.cuts is None else len(self.cuts))
-        matrix = np.zeros((rows, rows, columns.shape[-1]))
+        matrix = np.zeros((self.rows, self.rows, columns.shape[-1]))
         for face in self.faces:
             own = self.columns(face, columns[:, :, face.part])
             own = own.reshape(len(own), -1, own.shape[-1])
@@ -131,10 +121,9 @@ class Contacts:
             places = [(slice(6 * face.above, 6 * face.above + 6), slice(0, 6), 1.0)]
             if face.below >= 0:
                 places.append((slice(6 * face.below, 6 * face.below + 6), slice(0, 6), -1.0))
-            first = 6
-            for extra in self.extra(face):
-                places.append((extra, slice(first, first + extra.stop - extra.start), 1.0))
-                first += extra.stop - extra.start
+            if face.closing >= 0:
+                row = self.closing(face)
+                places.append((slice(row, row + 1), slice(6, 7), 1.0))
             for a, part_a, sign_a in places:
                 for b, part_b, sign_b in places:
                     matrix[a, b] += sign_a * sign_b * stiffness[part_a, part_b]
@@ -142,7 +131,7 @@ class Contacts:
 
     def pressed(self, c: Array) -> Array:
         """Return sum_i A_i c_i, the rows that forces c (3, n, T) exert, (rows, T)."""
-        out = np.zeros((self.rows + (0 if self.cuts is None else len(self.cuts)), c.shape[-1]))
+        out = np.zeros((self.rows, c.shape[-1]))
         for face in self.faces:
             own = c[:, face.part]
             wrench = self.wrenches(face, own).sum(axis=1)
@@ -150,9 +139,7 @@ class Contacts:
             if face.below >= 0:
                 _at(out, face.below)[:] -= wrench
             if face.closing >= 0:
-                out[self.extra(face)[0]] += own[0].sum(axis=0)
-        if self.cuts is not None:
-            out[self.rows :] = np.einsum("cint,int->ct", self.cuts, c)
+                out[self.closing(face)] += own[0].sum(axis=0)
         return out
 
 
@@ -166,7 +153,7 @@ def inner_direction(faces: Sequence[Face], friction: Sequence[float]) -> Array:
     It is the shortest one, without moments, along which each force on the edge of a cone has a part of at least 1.
 
     Args:
-        faces: the faces, without cuts.
+        faces: the faces.
         friction: largest coefficient of friction of each face.
 
     Raises:

@@ -14,8 +14,7 @@ centre of pressure has gone for a block that tips. It is a second-order cone pro
     max -y move  s.t.  A_i^T y in the (self-dual) cone of point i,  y rest <= 1,
 
 solved by a primal-dual interior-point method with Nesterov and Todd's scaling and Mehrotra's predictor and corrector.
-The iterates y are feasible throughout, so each bounds gamma from below; forces that balance bound it from above. A cut
-adds a row, a variable z >= 0 that it must equal, and y <= 0 for it. The multiplier g and all z are the *levels* here.
+The iterates y are feasible throughout, so each bounds gamma from below; forces that balance bound it from above.
 """
 
 from __future__ import annotations
@@ -58,13 +57,11 @@ class Gauge:
     value: (T,) gamma, from forces that balance, infinite if there are none
     lower: (T,) bound from below
     y: (rows, T) the limit that is nearest: y w >= 0 for all w in the cone
-    force: (3, n, T) coordinates of the forces
     """
 
     value: Array
     lower: Array
     y: Array
-    force: Array
 
 
 def gauge(contacts: Contacts, rest: Array, move: Array, good_enough: Array | float = 0.0, gap: float = GAP) -> Gauge:
@@ -81,24 +78,15 @@ def gauge(contacts: Contacts, rest: Array, move: Array, good_enough: Array | flo
     """
     count = rest.shape[-1]
     enough = np.broadcast_to(np.asarray(good_enough, dtype=float), (count,))
-    value, lower, force = np.empty(count), np.empty(count), np.empty((3, contacts.mu.shape[0], count))
-    rest, move = _with_cuts(contacts, rest), _with_cuts(contacts, move)
-    y = np.empty(rest.shape)
+    value, lower, y = np.empty(count), np.empty(count), np.empty(rest.shape)
     for begin in range(0, count, CHUNK):
         part = slice(begin, begin + CHUNK)
         programs = _InteriorPoint(contacts[part], rest[:, part], move[:, part], enough[part], gap).solve()
         value[part], lower[part], y[:, part] = programs.value, programs.lower, programs.direction
-        force[..., part] = programs.best
         lost = np.flatnonzero(np.isinf(programs.value) & (programs.left_over_size < NEARLY))
         if len(lost) and gap < NEARLY:
             value[part][lost] = _with_left_over(contacts[part][lost], rest[:, part][:, lost], programs, lost)
-    return Gauge(value, lower, y[: contacts.rows], force)
-
-
-def _with_cuts(contacts: Contacts, rows: Array) -> Array:
-    """Return rows with those of the cuts behind them, 0 if there are none yet."""
-    total = contacts.rows + (0 if contacts.cuts is None else len(contacts.cuts))
-    return np.concatenate([rows, np.zeros((total - len(rows), rows.shape[-1]))]) if total > len(rows) else rows
+    return Gauge(value, lower, y)
 
 
 def _with_left_over(contacts: Contacts, rest: Array, programs: _InteriorPoint, lost: Indices) -> Array:
@@ -123,43 +111,30 @@ def seen_from(contacts: Contacts, held: Flags, rest: Array, move: Array) -> tupl
 class _InteriorPoint:
     """State of the iteration for the T programs that are not solved yet.
 
-    force, slack: (3, n, T) coordinates of the forces and the dual cones' slacks; level, slack_level: (1 + C, T) g and
-    the values of the cuts, and their slacks 1 - y rest and -y; y: (rows, T); index: (T,) which programs of the caller
-    these are; reached, left_over, best: g, the wrench that is not balanced and the forces of the best iterate, (T,),
-    (rows, T) and (3, n, T)
+    force, slack: (3, n, T) coordinates of the forces and the dual cones' slacks; g, slack_g: (T,) the last variable and
+    its slack 1 - y rest; y: (rows, T); index: (T,) which programs of the caller these are; reached, left_over: g and
+    the rows that are not balanced, of the best iterate, (T,) and (rows, T)
     """
 
     def __init__(self, contacts: Contacts, rest: Array, move: Array, enough: Array, gap: float) -> None:
         self.contacts, self.rest, self.move, self.enough, self.gap = contacts, rest, move, enough, gap
         count, points = rest.shape[-1], contacts.mu.shape[0]
-        up = contacts.inside @ rest[: contacts.rows]
+        up = contacts.inside @ rest
         pressing = up > 0.0
         up = np.where(pressing, up, 1.0)
-        self.y = np.zeros_like(rest)
-        self.y[: contacts.rows] = 0.5 * contacts.inside[:, None] / up
+        self.y = 0.5 * contacts.inside[:, None] / up
         self.force = np.zeros((3, points, count))
         self.force[0] = up / points
-        self.level = np.ones((1, count))
-        if contacts.cuts is not None:
-            self._open_cuts(contacts.cuts, up)
         self.slack, self.residual = np.empty_like(self.force), np.empty_like(rest)
-        self.slack_level, self.product = np.empty_like(self.level), np.empty(count)
+        self.g, self.slack_g, self.product = np.ones(count), np.empty(count), np.empty(count)
         self.index = np.arange(count)
         self.value = np.full(count, np.inf)
         self.lower = np.where(pressing, 0.0, np.inf)
         self.error = np.full(count, np.inf)
-        self.direction, self.best = self.y.copy(), self.force.copy()
+        self.direction = self.y.copy()
         self.reached, self.left_over = np.full(count, np.inf), np.zeros_like(rest)
         self.left_over_size = np.full(count, np.inf)
         self._keep(pressing)
-
-    def _open_cuts(self, cuts: Array, up: Array) -> None:
-        """Start the cuts: positive values, and y so little below 0 that it stays inside the dual cones."""
-        seen = self.contacts.seen(self.y)
-        room = seen[0] - np.sqrt(seen[1] ** 2 + seen[2] ** 2)
-        size = np.sqrt((cuts**2).sum(axis=1)).sum(axis=0)
-        self.y[self.contacts.rows :] = -0.25 * (room / np.maximum(size, 1e-300)).min(axis=0)
-        self.level = np.concatenate([self.level, np.repeat(up[None], len(cuts), axis=0)])
 
     def solve(self) -> _InteriorPoint:
         """Iterate until all programs are solved; `value`, `lower` (T,) and `direction` (rows, T) are their solutions.
@@ -174,39 +149,25 @@ class _InteriorPoint:
                     self._iterate()
         return self
 
-    def _along(self, level: Array) -> Array:
-        """Return the rows of g rest and of the values of the cuts, (rows, T), for levels (1 + C, T)."""
-        out = self.rest * level[0]
-        if len(level) > 1:
-            out[self.contacts.rows :] += level[1:]
-        return out
-
-    def _onto(self, y: Array) -> Array:
-        """Return y rest and y of the cuts, (1 + C, T), for y (rows, T)."""
-        along = (self.rest * y).sum(axis=0)[None]
-        return along if self.contacts.cuts is None else np.concatenate([along, y[self.contacts.rows :]])
-
     def _bracket(self) -> None:
         """Update slacks, bounds and residual of the iterate; put aside the programs that are solved or hopeless."""
         self.slack = self.contacts.seen(self.y)
-        self.slack_level = -self._onto(self.y)
-        self.slack_level[0] += 1.0
+        self.slack_g = 1.0 - (self.rest * self.y).sum(axis=0)
         lower = -(self.move * self.y).sum(axis=0)
-        self.residual = self.move + self._along(self.level) - self.contacts.pressed(self.force)
-        self.product = (self.level * self.slack_level).sum(axis=0) + (self.force * self.slack).sum(axis=(0, 1))
-        unbalanced, g = self._unbalanced(), self.level[0]
+        self.residual = self.move + self.g * self.rest - self.contacts.pressed(self.force)
+        self.product = self.g * self.slack_g + (self.force * self.slack).sum(axis=(0, 1))
+        unbalanced, g = self._unbalanced(), self.g
         enough = (unbalanced < GAP * (1.0 + g)) & (g <= self.enough)
         error = np.maximum(unbalanced, g - lower) / (1.0 + g)
         better = enough | (error < self.error)
         found = self.index[better]
         self.value[found] = np.where(enough | (error < max(self.gap, ROUGH_GAP)), g, np.inf)[better]
-        self.direction[:, found], self.best[..., found] = self.y[:, better], self.force[..., better]
+        self.direction[:, found] = self.y[:, better]
         self.reached[found], self.left_over[:, found] = g[better], self.residual[:, better]
         self.left_over_size[found] = np.sqrt((self.residual[:, better] ** 2).sum(axis=0))
         self.lower[self.index] = np.maximum(self.lower[self.index], lower)
         interior = (square(self.force) > 0.0).all(axis=0) & (square(self.slack) > 0.0).all(axis=0)
-        interior &= (self.slack_level > 0.0).all(axis=0)
-        stuck = ~interior | (error > 100.0 * self.error) | ~np.isfinite(error)
+        stuck = ~(interior & (self.slack_g > 0.0)) | (error > 100.0 * self.error) | ~np.isfinite(error)
         self.error = np.minimum(self.error, error)
         self._keep(~(enough | (error < self.gap) | (lower > MOST) | stuck))
 
@@ -226,61 +187,56 @@ class _InteriorPoint:
         self.contacts = self.contacts[keep]
         self.rest, self.move, self.residual = self.rest[:, keep], self.move[:, keep], self.residual[:, keep]
         self.force, self.slack, self.y = self.force[..., keep], self.slack[..., keep], self.y[:, keep]
-        self.level, self.slack_level = self.level[:, keep], self.slack_level[:, keep]
+        self.g, self.slack_g, self.product = self.g[keep], self.slack_g[keep], self.product[keep]
         self.enough, self.error, self.index = self.enough[keep], self.error[keep], self.index[keep]
-        self.product = self.product[keep]
 
     def _iterate(self) -> None:
         """Take one predictor and one corrector."""
-        root, scaled_level = np.sqrt(self.level / self.slack_level), np.sqrt(self.level * self.slack_level)
+        root, scaled_g = np.sqrt(self.g / self.slack_g), np.sqrt(self.g * self.slack_g)
         scaling = Scaling(self.force, self.slack)
         scaled = scaling(self.slack)
         factor = self._factor(scaling, root)
-        predictor = self._step(factor, scaling, scaled, scaled_level, -scaled, -scaled_level)
-        order = self.force.shape[1] + len(self.level)
-        target = predictor.target(self.product, scaled, scaled_level) * self.product / order
+        predictor = self._step(factor, scaling, scaled, scaled_g, -scaled, -scaled_g)
+        target = predictor.target(self.product, scaled, scaled_g) * self.product / (1 + self.force.shape[1])
         right = divide(scaled, target, predictor.force, predictor.slack)
-        right_level = (target - predictor.level * predictor.slack_level) / scaled_level - scaled_level
-        step = self._step(factor, scaling, scaled, scaled_level, right, right_level)
+        right_g = (target - predictor.g * predictor.slack_g) / scaled_g - scaled_g
+        step = self._step(factor, scaling, scaled, scaled_g, right, right_g)
         force_step = np.minimum(1.0, BACK_OFF * step.longest_force)
         y_step = np.minimum(1.0, BACK_OFF * step.longest_slack)
         self.force += force_step * scaling(step.force)
-        self.level = self.level + force_step * root * step.level
+        self.g = self.g + force_step * root * step.g
         self.y = self.y - y_step * step.y
 
     def _factor(self, scaling: Scaling, root: Array) -> Array:
-        """Return the Cholesky factor of sum_i A_i W_i^2 A_i^T and the same of the levels, (rows, rows, T)."""
-        scaled_rest = root[0] * self.rest
-        matrix = scaled_rest[:, None] * scaled_rest
-        cuts = np.arange(self.contacts.rows, len(matrix))
-        matrix[cuts, cuts] += root[1:] ** 2
-        return cholesky(matrix + self.contacts.stiffness(scaling.matrix()))
+        """Return the Cholesky factor of sum_i A_i W_i^2 A_i^T + (g / slack_g) rest rest^T, (rows, rows, T)."""
+        scaled_rest = root * self.rest
+        return cholesky(scaled_rest[:, None] * scaled_rest + self.contacts.stiffness(scaling.matrix()))
 
     def _step(
-        self, factor: Array, scaling: Scaling, scaled: Array, scaled_level: Array, right: Array, right_level: Array
+        self, factor: Array, scaling: Scaling, scaled: Array, scaled_g: Array, right: Array, right_g: Array
     ) -> _Step:
-        """Return the Newton step for right-hand sides of the scaled complementarity, (3, n, T) and (1 + C, T)."""
-        root = np.sqrt(self.level / self.slack_level)
-        lacking = self.residual - self.contacts.pressed(scaling(right)) + self._along(root * right_level)
+        """Return the Newton step for right-hand sides of the scaled complementarity, (3, n, T) and (T,)."""
+        root = np.sqrt(self.g / self.slack_g)
+        lacking = self.residual - self.contacts.pressed(scaling(right)) + self.rest * (root * right_g)
         y = solve(factor, lacking)
         slack = -scaling(self.contacts.seen(y))
-        slack_level = root * self._onto(y)
-        return _Step(y, right - slack, slack, right_level - slack_level, slack_level, scaled, scaled_level)
+        slack_g = root * (self.rest * y).sum(axis=0)
+        return _Step(y, right - slack, slack, right_g - slack_g, slack_g, scaled, scaled_g)
 
 
 class _Step:
     """Scaled Newton step and how long it may be, as multiples of itself, (T,)."""
 
     def __init__(
-        self, y: Array, force: Array, slack: Array, level: Array, slack_level: Array, scaled: Array, scaled_level: Array
+        self, y: Array, force: Array, slack: Array, g: Array, slack_g: Array, scaled: Array, scaled_g: Array
     ) -> None:
-        self.y, self.force, self.slack, self.level, self.slack_level = y, force, slack, level, slack_level
-        self.longest_force = np.minimum(reach(scaled, force).min(axis=0), ray(scaled_level, level).min(axis=0))
-        self.longest_slack = np.minimum(reach(scaled, slack).min(axis=0), ray(scaled_level, slack_level).min(axis=0))
+        self.y, self.force, self.slack, self.g, self.slack_g = y, force, slack, g, slack_g
+        self.longest_force = np.minimum(reach(scaled, force).min(axis=0), ray(scaled_g, g))
+        self.longest_slack = np.minimum(reach(scaled, slack).min(axis=0), ray(scaled_g, slack_g))
 
-    def target(self, product: Array, scaled: Array, scaled_level: Array) -> Array:
+    def target(self, product: Array, scaled: Array, scaled_g: Array) -> Array:
         """Return the share of the complementarity that the corrector aims at (Mehrotra's rule), (T,)."""
         a, b = np.minimum(1.0, self.longest_force), np.minimum(1.0, self.longest_slack)
         left = ((scaled + a * self.force) * (scaled + b * self.slack)).sum(axis=(0, 1))
-        left += ((scaled_level + a * self.level) * (scaled_level + b * self.slack_level)).sum(axis=0)
+        left += (scaled_g + a * self.g) * (scaled_g + b * self.slack_g)
         return np.asarray((np.maximum(left, 0.0) / product) ** 3)

@@ -20,9 +20,6 @@ IN_PLACE = LimitName(LimitKind.PLACE, "contacts")
 def object_system(config: Config, group: Sequence[str], patches: Sequence[Patch]) -> LimitName:
     """Return the name of the contact system of some objects, held by some patches."""
     below = {name: supports(config.objects[name]) for name in group}
-    for patch in patches:
-        if patch.law is Law.SUCTION:
-            below[patch.object] = (*below[patch.object], patch.support)
     first, *others = [name for name in group if len(below[name]) > 1] or [""]
     if first:
         more = "".join(f" and balance of {name} on {' and '.join(below[name])}" for name in others)
@@ -50,7 +47,6 @@ def failure(kind: LimitKind, patch: Patch) -> LimitName:
         return LimitName(kind, patch.object, patch.support)
     if patch.law is Law.SUCTION:
         return LimitName(LimitKind.PEEL if kind is LimitKind.TIPPING else kind, patch.object, patch.support)
-    hand = patch.support if patch.object == TRAY else ""
     if kind is LimitKind.TWIST:
-        return LimitName(kind, patch.object, hand or "pads")
-    return LimitName(LimitKind.GRIP, patch.object, hand)
+        return LimitName(kind, patch.object, patch.support)
+    return LimitName(LimitKind.GRIP, patch.object, patch.support if patch.object == TRAY else "")

@@ -7,7 +7,7 @@ supports and all that shares them are one system. The base is a system in every 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,12 +33,11 @@ class Load:
 
 @dataclass(frozen=True, eq=False)
 class Pressure:
-    """A hold with prescribed pressure: the lips of a part, or the two pads of a gripper, the driven one first.
+    """Prescribed pressure of a hold: of the lips of a part, or the two pads of a gripper, the driven one first.
 
-    faces: indices of its faces; centre: (3,), system units; axes: (3, 3) as columns, the driven normal last
+    centre: (3,), system units; axes: (3, 3) as columns, the driven normal last
     """
 
-    faces: tuple[int, ...]
     centre: Array
     axes: Array
 
@@ -58,7 +57,8 @@ class System:
     loads: what its bodies require
     pull: (rows, I + 1) required rows per vacuum, closing or internal force
     inside: (rows,) see `contact_points.inner_direction`
-    holds: its holds with prescribed pressure
+    held: whether cups or pads, and nothing else, hold its block
+    hold: the pressure of the hold that all its faces are, None for supports and free pressure
     at: indices of the instants at which the floating base is its block, None if it is not
     polygon: factor of friction, see `twist.Hold`
     """
@@ -73,7 +73,8 @@ class System:
     loads: tuple[Load, ...]
     pull: Array
     inside: Array
-    holds: tuple[Pressure, ...]
+    held: bool
+    hold: Pressure | None
     at: Indices | None
     polygon: float
 
@@ -85,7 +86,7 @@ class System:
     @property
     def known(self) -> bool:
         """Return whether a single hold or support holds a single block, so that its wrench is known."""
-        return len(self.faces) == 1 or (len(self.faces) == 2 and self.faces[0].closing >= 0)
+        return len(self.faces) == 1 or self.held
 
     def contact_points(self, friction: Array, shift: Array) -> Contacts:
         """Return the contacts for T values of the friction (I, T) and of displacements (2, Q, T) [m]."""
@@ -94,15 +95,15 @@ class System:
             point = point + np.einsum("ijq,jqt->iqt", self.turn, own)
         return Contacts(self.faces, point, friction[self.friction], self.inside)
 
-    def hold(self, own: Pressure, contacts: Contacts) -> Hold:
-        """Return one of its holds for the values of its contacts."""
-        chosen = tuple(self.faces[k] for k in own.faces)
-        points = slice(chosen[0].first, chosen[-1].last)
-        away = contacts.point[:, points] - own.centre.reshape(3, *[1] * (contacts.point.ndim - 1))
+    def hold_of(self, contacts: Contacts) -> Hold:
+        """Return its hold for the values of its contacts."""
+        own = self.hold
+        assert own is not None
+        away = contacts.point - own.centre.reshape(3, *[1] * (contacts.point.ndim - 1))
         plane = np.einsum("ij,i...->j...", own.axes[:, :2], away)
-        lip = chosen[0].closing < 0
-        pressure = lip_pressure(plane) if lip else pad_pressure(*(face.last - face.first for face in chosen))
-        return Hold(chosen, plane, contacts.mu[points], pressure, wrench_map(own.axes, own.centre), self.polygon)
+        lips = self.faces[0].closing < 0
+        pressure = lip_pressure(plane) if lips else pad_pressure(*(face.last - face.first for face in self.faces))
+        return Hold(self.faces, plane, contacts.mu, pressure, wrench_map(own.axes, own.centre), self.polygon)
 
 
 def wrench_map(axes: Array, reference: Array, force: float = 1.0, length: float = 1.0) -> Array:
@@ -244,7 +245,8 @@ def make_system(
         loads=tuple(loads),
         pull=pull,
         inside=inner_direction(faces, [item.friction for item in placed]),
-        holds=tuple(_holds(placed, scale)),
+        held=placed[0].patch.law is not Law.FRICTION,
+        hold=_hold(placed, scale),
         at=at,
         polygon=polygon,
     )

@@ -72,37 +72,19 @@ class Hold:
         return replace(self, plane=plane, mu=mu, pressure=pressure)
 
     def effort(self, contacts: Contacts, rows: Array) -> Array:
-        """Return the effort (7, T) if it alone holds its block, for the rows (rows, T) that this requires."""
+        """Return the effort (7, T) for the rows (rows, T) that its block requires."""
         face = self.faces[0]
-        closing = rows[contacts.extra(face)[0]] if face.closing >= 0 else np.zeros((1, *rows.shape[1:]))
+        closing = rows[contacts.closing(face)] if face.closing >= 0 else np.zeros(rows.shape[1:])
         wrench = rows[6 * face.above : 6 * face.above + 6]
-        return np.concatenate([np.tensordot(self.turn, wrench, axes=1), closing])
+        return np.concatenate([np.tensordot(self.turn, wrench, axes=1), closing[None]])
 
     def rows(self, contacts: Contacts, cut: Array) -> Array:
-        """Return a cut (7, T) per row, (rows, T), if it alone holds its block."""
+        """Return a cut (7, T) per row, (rows, T)."""
         face = self.faces[0]
         out = np.zeros((contacts.rows, cut.shape[-1]))
         out[6 * face.above : 6 * face.above + 6] = self.turn.T @ cut[:6]
         if face.closing >= 0:
-            out[contacts.extra(face)[0]] = cut[6]
-        return out
-
-    def of_forces(self, contacts: Contacts, c: Array) -> Array:
-        """Return the effort (7, T) of forces c (3, n, T) at all contact points."""
-        wrench, closing = np.zeros((6, c.shape[-1])), np.zeros(c.shape[-1])
-        for face in self.faces:
-            own = c[:, face.part]
-            wrench += contacts.wrenches(face, own).sum(axis=1)
-            closing += own[0].sum(axis=0) if face.closing >= 0 else 0.0
-        return np.concatenate([self.turn @ wrench, closing[None]])
-
-    def per_force(self, contacts: Contacts, cut: Array) -> Array:
-        """Return a cut (7, T) per force coordinate at all contact points, (3, n, T)."""
-        out, programs = np.zeros((3, contacts.mu.shape[0], cut.shape[-1])), cut.shape[-1]
-        for face in self.faces:
-            unit = np.broadcast_to(np.eye(3)[:, :, None, None], (3, 3, face.last - face.first, programs))
-            out[:, face.part] = np.einsum("et,ecnt->cnt", self.turn.T @ cut[:6], contacts.wrenches(face, unit))
-            out[0, face.part] += cut[6] if face.closing >= 0 else 0.0
+            out[contacts.closing(face)] = cut[6]
         return out
 
     def normals(self, effort: Array) -> Array:

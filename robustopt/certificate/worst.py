@@ -222,6 +222,6 @@ def limit_name(world: World, system: System, there: Motion, values: Parameters, 
     endless = replace(many, friction=np.full_like(many.friction, ENDLESS))
     if np.isclose(balance(world, system, there, endless, GAP).value[0], utilisation, rtol=SAME):
         return names.failure(LimitKind.TIPPING, patch)
-    free = replace(system, holds=())
-    slips = not system.holds or np.isclose(balance(world, free, there, many, GAP).value[0], utilisation, rtol=SAME)
+    free = replace(system, hold=None)
+    slips = system.hold is None or np.isclose(balance(world, free, there, many, GAP).value[0], utilisation, rtol=SAME)
     return names.failure(LimitKind.SLIP if slips else LimitKind.TWIST, patch)

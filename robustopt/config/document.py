@@ -77,7 +77,7 @@ def join_keys(outer: str, inner: str) -> str:
 def split_key(text: str) -> Key:
     """Return the key path in a text such as path.tray_poses.0.yaw or path.tray_poses[0].yaw."""
     parts = re.sub(r"\[(\d+)\]", r".\1", text.strip()).split(".")
-    return tuple(int(part) if part.isdigit() else part for part in parts)
+    return tuple(int(part) if part.isdecimal() else part for part in parts)
 
 
 @dataclass

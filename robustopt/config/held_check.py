@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import combinations
 
 import numpy as np
 
@@ -47,6 +48,11 @@ def _cups(key: Key, body: ObjectConfig, hold: SuctionConfig) -> Iterator[Finding
     if not hold.cups:
         yield (*key, "cups"), "found no cups; expected at least one, such as {at: [0, 0], radius: 0.02}"
     part = part_in_hold(body)
+    for j, k in combinations(range(len(hold.cups)), 2):
+        first, second = hold.cups[j], hold.cups[k]
+        overlap = first.radius + second.radius - float(np.hypot(*np.subtract(first.at, second.at)))
+        if overlap > RESOLUTION:
+            yield (*key, "cups", k), f"the lip overlaps that of cups[{j}] by {1000 * overlap:.3g} mm; expected lips apart"
     for k, cup in enumerate(hold.cups):
         inside = part.rotation.T @ (np.array([*cup.at, 0.0]) - part.position)
         beyond = _beyond(body, hold, inside, cup.radius)

@@ -14,7 +14,7 @@ import numpy as np
 
 from robustopt.compiled import compiled
 
-MAX_VERTICES = 96
+MAX_VERTICES = 384
 """Most vertices of a polygon while it is cut."""
 
 TOLERANCE = 1e-10

@@ -13,8 +13,12 @@ for every motion y of the part in the plane of the patch; h is the support funct
 facets of the sum belong to motions for which two contact points slide across edges of their polygons, or one point
 stays: the rotation centres lie where lines along such edges through two points meet, or at a point. If they meet
 nowhere the part slips without rotation, which the free cone bounds alike. So the rows are finitely many and linear, and
-with those of the free cone they are exact (our choice). N_i may be negative in a patch that is about to peel, which
-makes the rows stricter there.
+with those of the free cone they are exact (our choice).
+
+Near the limit of peel N_i is negative at some points. Real lips only press, and if such a part is twisted as well, the
+rows of an eight-point lip promise more than these hold: up to 3 % of the acceleration in a scan of parts that hang
+beside a cup, 6 % in MuJoCo. Lips of four points are exact there too. No convex set that contains all forces without
+twist can do better.
 """
 
 from __future__ import annotations

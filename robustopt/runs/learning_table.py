@@ -81,7 +81,7 @@ def _short(key: str, keys: Sequence[str]) -> str:
     parts = key.split(".")
     for count in range(1, len(parts)):
         short = ".".join(parts[-count:])
-        if not parts[-count].isdigit() and sum(other.endswith(f".{short}") for other in keys) == 1:
+        if not parts[-count].isdecimal() and sum(other.endswith(f".{short}") for other in keys) == 1:
             return short
     return key
 

@@ -175,7 +175,7 @@ def _remove_abandoned(folder: Path) -> None:
     """Remove the hidden folders that killed processes of this machine left in a folder."""
     for hidden in folder.glob(f".*{glob.escape(_mark())}*"):
         process = hidden.name.rpartition("-")[2]
-        if process.isdigit() and not _is_alive(int(process)):
+        if process.isdecimal() and not _is_alive(int(process)):
             shutil.rmtree(hidden, ignore_errors=True)
 
 
