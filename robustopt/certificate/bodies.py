@@ -117,7 +117,3 @@ class Parameters:
     def repeated(self, count: int) -> Parameters:
         """Return one set of values, `count` times along a new last axis."""
         return Parameters(*(np.repeat(values[..., None], count, axis=-1) for values in self.arrays()))
-
-    def widened(self) -> Parameters:
-        """Return the values with an axis of length 1 behind them, for all instants."""
-        return Parameters(*(values[..., None] for values in self.arrays()))

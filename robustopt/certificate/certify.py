@@ -14,14 +14,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from robustopt.certificate import names
-from robustopt.certificate.joints import check_kinematics, check_torque
-from robustopt.certificate.motion import Instants, Motion, instants, motion, stances
+from robustopt.certificate.joints import KnownTorques, check_kinematics, check_torque
+from robustopt.certificate.motion import Instants, instants, motion, stances
 from robustopt.certificate.places import check_places
-from robustopt.certificate.samples import Torques, check_samples
+from robustopt.certificate.samples import check_samples
 from robustopt.certificate.shared_torque import check_shared_torque
 from robustopt.certificate.tally import Found, Tally
 from robustopt.certificate.world import World, build_world, contact_points
-from robustopt.certificate.worst import Thoroughness, check_contacts
+from robustopt.certificate.worst import Search, Thoroughness
 from robustopt.config import Config
 from robustopt.errors import ConfigError, SolverFailed
 from robustopt.limits.names import LimitName
@@ -220,35 +220,27 @@ def _check(plan: Plan, world: World, at: Instants, how: Level, rng: np.random.Ge
     check_places(plan, at, tally)
     starts = [world.nominal.repeated(count)]
     starts += [world.sample(rng, count, corners=True) for _ in range(how.starts if world.uncertain else 0)]
-    known = [] if robot.base else [Torques(joints, limits, None)]
+    known = [] if robot.base else [KnownTorques(joints, limits, np.arange(count))]
     for part in known:
-        check_torque(world, moving, part.joints, limits, tally)
+        check_torque(world, moving, part, tally)
+    searches = [Search(world, system, moving, how.search.gap, tally) for system in world.systems]
     shared = sum(system.at is not None and not system.simple for system in world.systems)
-    for system in world.systems:
-        if system.at is None:
-            check_contacts(world, system, moving, starts, how.search, tally)
-            continue
-        there, own = moving.at(system.at), joints.at(system.at)
-        worst = check_contacts(world, system, there, [start.at(system.at) for start in starts], how.search, tally)
-        if system.simple:
-            own = own.standing_on(world.contacts[system.contacts[0]].patch.name, there)
-            known.append(Torques(own, limits, system.at))
-            check_torque(world, there, own, limits, tally, system.at)
-        else:
-            check_shared_torque(world, system, there, own, limits, worst, how.shared_torques // shared, tally)
-    return _check_samples(world, moving, known, how, rng, tally)
-
-
-def _check_samples(
-    world: World, moving: Motion, known: list[Torques], how: Level, rng: np.random.Generator, tally: Tally
-) -> int:
-    """Look at random values of everything, half of them at the ends of their intervals; returns their number."""
-    if not world.uncertain:
-        return 0
-    work = len(moving.free) * max(sum(len(contact.patch.polygon) for contact in world.contacts), FEW_POINTS)
-    half = max(2, min(how.samples, how.effort // work)) // 2
-    for corners in (False, True):
-        check_samples(world, moving, known, world.sample(rng, half, corners), how.per_program, tally)
+    for search, system in zip(searches, world.systems, strict=True):
+        searched = search.run(starts, how.search)
+        if system.at is not None:
+            own = joints.at(system.at)
+            if system.simple:
+                own = own.standing_on(world.contacts[system.contacts[0]].patch.name, search.motion)
+                known.append(KnownTorques(own, limits, system.at))
+                check_torque(world, search.motion, known[-1], tally)
+            else:
+                check_shared_torque(search, searched, own, limits, how.shared_torques // shared, tally)
+    work = count * max(sum(len(contact.patch.polygon) for contact in world.contacts), FEW_POINTS)
+    half = max(2, min(how.samples, how.effort // work)) // 2 if world.uncertain else 0
+    for corners in (False, True) if half else ():
+        check_samples(world, moving, known, searches, world.sample(rng, half, corners), how.per_program, tally)
+    for search in searches:
+        search.report()
     return 2 * half
 
 

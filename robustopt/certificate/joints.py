@@ -7,6 +7,7 @@ Without a floating base, or on a single environment contact, the torques follow 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -34,7 +35,7 @@ def check_kinematics(world: World, joints: Joints, free: Array, limits: JointLim
     ):  # fmt: skip
         for j, joint in enumerate(world.joints[motors]):
             wrong = kind is LimitKind.ACCELERATION and (lower[j] or upper[j])
-            for t in tally.peaks(utilisation[j]):
+            for t in tally.peaks(utilisation[j], np.arange(len(free))):
                 parameters = {"joint_acceleration": {joint: float(chosen[j, t])}} if wrong else {}
                 name = LimitName(kind, joint)
                 tally.add(name, Found(float(utilisation[j, t]), t, name, parameters))
@@ -74,9 +75,16 @@ def torques(world: World, joints: Joints, free: Array, loads: Sequence[Load], va
     return np.stack(torque)
 
 
-def check_torque(
-    world: World, motion: Motion, joints: Joints, limits: Array, tally: Tally, at: Indices | None = None
-) -> None:
+@dataclass(frozen=True, eq=False)
+class KnownTorques:
+    """Joints whose torque follows from the motion, at the instants `at`; limits: (m,) of the torques."""
+
+    joints: Joints
+    limits: Array
+    at: Indices
+
+
+def check_torque(world: World, motion: Motion, known: KnownTorques, tally: Tally) -> None:
     """Look at the torque with the ends of the intervals that are worst for each joint and sign, at every instant.
 
     The torque of a joint is a linear function of the wrenches of the bodies and of the acceleration error, so the ends
@@ -84,15 +92,13 @@ def check_torque(
 
     Args:
         world: the bodies.
-        motion, joints: at some instants, see `Joints.standing_on`.
-        limits: (m,) of the torques.
+        motion: at the instants of `known`.
+        known: the joints.
         tally: told the worst.
-        at: indices of the instants, None for all.
     """
     start = world.nominal.repeated(len(motion.free))
-    for j, joint in enumerate(world.joints[world.base :]):
-        name = LimitName(LimitKind.TORQUE, joint)
-        one = joints.only(j)
+    for j in range(len(known.limits)):
+        one = known.joints.only(j)
         for sign in (1.0, -1.0):
             values = start
             if world.uncertain:
@@ -103,9 +109,14 @@ def check_torque(
                 ]
                 values = at_lowest(world, motion, start, functionals, -sign * one.inertia[0])
                 values.force[-1] = np.where(sign * one.squeeze[0] > 0.0, world.upper.force[-1], world.lower.force[-1])
-            loads = body_loads(world, motion, values)
-            utilisation = np.abs(torques(world, one, motion.free, loads, values))[0] / limits[j]
-            for t in tally.peaks(utilisation, at):
-                found = world.describe(values.at(t), None)
-                tally.add(name, Found(float(utilisation[t]), int(t if at is None else at[t]), name, found))
-            tally.tests += utilisation.size
+            torque = torques(world, one, motion.free, body_loads(world, motion, values), values)
+            tell_torque(world, np.abs(torque[0]) / known.limits[j], j, values, known.at, tally)
+
+
+def tell_torque(world: World, utilisation: Array, j: int, values: Parameters, at: Indices, tally: Tally) -> None:
+    """Tell the tally the utilisation (k,) of the torque of motor j at instants `at`, found with k sets of values."""
+    name = LimitName(LimitKind.TORQUE, world.joints[world.base + j])
+    for k in tally.peaks(utilisation, at):
+        if tally.exceeds(name, float(utilisation[k]), int(at[k])):
+            tally.add(name, Found(float(utilisation[k]), int(at[k]), name, world.describe(values.at(k), None)))
+    tally.tests += utilisation.size

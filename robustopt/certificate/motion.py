@@ -87,13 +87,9 @@ def instants(plan: Plan, between: Sequence[float], every: int = 1) -> Instants:
 class Series:
     """Base class of a dataclass of arrays whose last axis T counts instants, of mappings of such, and of series."""
 
-    def at(self, index: Indices) -> Self:
+    def at(self, index: Indices | slice) -> Self:
         """Return the series at some of the instants."""
         return self._mapped(lambda values: values[..., index])
-
-    def widened(self) -> Self:
-        """Return the series with an axis of length 1 before that of the instants, for many samples."""
-        return self._mapped(lambda values: values[..., None, :])
 
     def _mapped(self, change: Any) -> Self:
         def changed(value: Any) -> Any:

@@ -25,6 +25,6 @@ def check_places(plan: Plan, at: Instants, tally: Tally) -> None:
         for name, place in own.places.items():
             away = np.linalg.norm(found[name][here] - place.world(robot.contacts[name].points), axis=2)
             drift[here] = np.maximum(drift[here], away.max(axis=1, initial=0.0))
-    for t in tally.peaks(drift):
+    for t in tally.peaks(drift, np.arange(len(drift))):
         tally.add(IN_PLACE, Found(float(drift[t]) / DRIFT, t, IN_PLACE, {}))
     tally.tests += len(drift)

@@ -3,45 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from robustopt.arrays import Array, Indices
-from robustopt.certificate.balance import certainly_held, gauge_of, required
 from robustopt.certificate.bodies import Parameters
-from robustopt.certificate.contact_points import even_pressure
-from robustopt.certificate.joints import torques
+from robustopt.certificate.joints import KnownTorques, tell_torque, torques
 from robustopt.certificate.loads import body_loads
-from robustopt.certificate.motion import Joints, Motion
-from robustopt.certificate.systems import System
-from robustopt.certificate.tally import Found, Tally
+from robustopt.certificate.motion import Motion
+from robustopt.certificate.tally import Tally
 from robustopt.certificate.world import World
-from robustopt.certificate.worst import report
-from robustopt.limits.names import LimitKind, LimitName
+from robustopt.certificate.worst import Search
 
 CHUNK = 8192
 """Samples times instants that are looked at together."""
-
-NEWS = 1e-7
-"""How much worse than the worst so far a utilisation must be to be of interest: ten times the accuracy of the gauge."""
 
 STRIDE = 7
 """The acceleration error changes along the path: instant t of sample d uses the error of sample d + 7 t (a prime, so
 that neighbouring instants and samples share no error)."""
 
 
-@dataclass(frozen=True, eq=False)
-class Torques:
-    """Joints whose torque follows from the motion, at the instants `at`, None for all; limits: (m,) of the torques."""
-
-    joints: Joints
-    limits: Array
-    at: Indices | None
-
-
 def check_samples(
-    world: World, motion: Motion, known: Sequence[Torques], samples: Parameters, per_program: int, tally: Tally
+    world: World,
+    motion: Motion,
+    known: Sequence[KnownTorques],
+    searches: Sequence[Search],
+    samples: Parameters,
+    per_program: int,
+    tally: Tally,
 ) -> None:
     """Look at every instant with every sample, and at few of them where contacts share.
 
@@ -49,130 +39,68 @@ def check_samples(
         world: the bodies.
         motion: at all T instants.
         known: joints whose torque follows from the motion.
+        searches: of the contact systems.
         samples: values of everything.
         per_program: instants per sample for systems without a quick test, others for each sample.
-        tally: told what is news.
+        tally: told the torques.
     """
-    count = samples.error.shape[-1]
-    size = max(1, CHUNK // len(motion.free))
-    for first in range(0, count, size):
-        chosen = np.arange(first, min(first + size, count))
-        _Chunk(world, motion, samples, chosen, tally).check(known)
-    size = max(1, CHUNK // per_program)
-    for system in world.systems:
-        for first in range(0, 0 if system.simple else count, size):
-            chosen = np.arange(first, min(first + size, count))
-            _check_program(world, system, motion, samples, chosen, per_program, tally)
+    simple = [search for search in searches if search.system.simple]
+    places = [*(part.at for part in known), *(search.index for search in simple)]
+    for at in {own.tobytes(): own for own in places}.values():
+        there = [part for part in known if np.array_equal(part.at, at)]
+        tried = [search for search in simple if np.array_equal(search.index, at)]
+        _check_everywhere(world, motion.at(at), there, tried, samples, at, tally)
+    for search in searches:
+        if not search.system.simple:
+            _check_program(search, samples, min(per_program, len(search.index)))
 
 
-def _errors(samples: Parameters, d: Indices, t: Indices) -> Array:
-    """Return the acceleration errors (n, ...) of samples d at instants t."""
-    return samples.error[:, (d + STRIDE * t) % samples.error.shape[-1]]
-
-
-def _check_program(
-    world: World, system: System, motion: Motion, samples: Parameters, chosen: Indices, per_program: int, tally: Tally
-) -> None:
-    """Find whether forces balance at all at some of the instants; how far from the limit, only if they do not."""
-    at = np.arange(len(motion.free)) if system.at is None else system.at
-    count = min(per_program, len(at))
-    d = np.repeat(chosen, count)
-    t = at[((chosen[:, None] * 31 + np.arange(count) * len(at) // count) % len(at)).ravel()]
-    there, values = motion.at(t), replace(samples.at(d), error=_errors(samples, d, t))
-    rest, move = required(world, system, there, body_loads(world, there, values), values)
-    contacts = system.contact_points(values.friction, values.shift)
-    even, certain = even_pressure(contacts, len(d)), np.ones(len(d), dtype=bool)
-    fails = np.flatnonzero(gauge_of(system, contacts, even, rest + move - even, 1.0, held=certain).value > 1.0)
-    tally.tests += len(d)
-    if len(fails):
-        value = gauge_of(system, contacts[fails], rest[:, fails], move[:, fails]).value
-        threshold = tally.threshold(system.name)[t[fails]]
-        _tell(world, system, motion, samples, (value, d[fails], t[fails], threshold), tally)
-
-
-def _tell(
+def _check_everywhere(
     world: World,
-    system: System,
     motion: Motion,
+    known: Sequence[KnownTorques],
+    searches: Sequence[Search],
     samples: Parameters,
-    found: tuple[Array, Indices, Indices, Array],
+    at: Indices,
     tally: Tally,
 ) -> None:
-    """Report the worst on the grid and between, if they are news.
+    """Try every sample at the instants `at`; motion, known and searches are those of just these instants."""
+    total, count = samples.error.shape[-1], len(at)
+    size = max(1, CHUNK // count)
+    index = np.tile(np.arange(count), min(size, total))
+    tiled = motion.at(index)
+    for first in range(0, total, size):
+        chosen = np.repeat(np.arange(first, min(first + size, total)), count)
+        part = slice(len(chosen))
+        there, t = tiled.at(part), at[index[part]]
+        values = _at(samples, chosen, t)
+        loads = body_loads(world, there, values)
+        wide = Parameters(*(_folded(array, count) for array in values.arrays()))
+        wide_loads = [(_folded(rest, count), _folded(move, count)) for rest, move in loads]
+        for own in known:
+            torque = torques(world, own.joints, motion.free, wide_loads, wide)
+            for j, limit in enumerate(own.limits):
+                tell_torque(world, np.abs(torque[j]).ravel() / limit, j, values, t, tally)
+        for search in searches:
+            search.sample(index[part], there, values, loads)
 
-    Args:
-        world, system, motion, samples: what was looked at.
-        found: utilisations, their samples and instants, and the utilisations that were known there, (k,) each.
-        tally: told the news.
-    """
-    utilisation, d, t, threshold = found
-    for kind in (tally.grid[t], ~tally.grid[t]):
-        excess = np.where(kind & (utilisation > threshold), utilisation, -np.inf)
-        best = int(np.argmax(excess))
-        if excess[best] > -np.inf:
-            one, there = t[best : best + 1], motion.at(t[best : best + 1])
-            values = replace(samples.at(int(d[best])), error=_errors(samples, d[best : best + 1], one)[:, 0])
-            report(world, system, there, values, int(t[best]), float(utilisation[best]), tally)
+
+def _folded(values: Array, count: int) -> Array:
+    """Return values (..., D count) as (..., D, count), which broadcast against those of `count` instants."""
+    return values.reshape(*values.shape[:-1], values.shape[-1] // count, count)
 
 
-class _Chunk:
-    """D of the samples at all T instants; its arrays end with the axes of the samples and of the instants."""
+def _check_program(search: Search, samples: Parameters, count: int) -> None:
+    """Try every sample at `count` instants of a system, others for each sample."""
+    total, size = samples.error.shape[-1], max(1, CHUNK // count)
+    for first in range(0, total, size):
+        chosen = np.arange(first, min(first + size, total))
+        place = chosen[:, None] * 31 + np.arange(count) * len(search.index) // count
+        index = (place % len(search.index)).ravel()
+        values, there = _at(samples, np.repeat(chosen, count), search.index[index]), search.motion.at(index)
+        search.sample(index, there, values, body_loads(search.world, there, values))
 
-    def __init__(self, world: World, motion: Motion, samples: Parameters, chosen: Indices, tally: Tally) -> None:
-        self.world, self.motion, self.samples, self.chosen, self.tally = world, motion, samples, chosen, tally
-        instants = np.arange(len(motion.free))
-        self.values = samples.at(chosen)
-        varying = bool(np.any(world.lower.error < world.upper.error))
-        shape = (len(samples.error), len(chosen), len(instants))
-        error = np.broadcast_to(self.values.error[..., None], shape)
-        self.wide = replace(
-            self.values.widened(), error=_errors(samples, chosen[:, None], instants) if varying else error
-        )
 
-    def check(self, known: Sequence[Torques]) -> None:
-        """Look at the torques that are known and at the systems with a quick test."""
-        everywhere, wide = np.arange(len(self.motion.free)), self.motion.widened()
-        loads = body_loads(self.world, wide, self.wide)
-        for part in known:
-            at = everywhere if part.at is None else part.at
-            values, own = self._values(at), [(rest[..., at], move[..., at]) for rest, move in loads]
-            torque = torques(self.world, part.joints.widened(), self.motion.free[at], own, values)
-            self._tell_torque(np.abs(torque) / part.limits[:, None, None], at)
-        for system in self.world.systems:
-            if system.simple:
-                there, own, values, at = wide, loads, self.wide, everywhere
-                if system.at is not None:
-                    at, there, values = system.at, wide.at(system.at), self._values(system.at)
-                    own = [(rest[..., at], move[..., at]) for rest, move in loads]
-                rest, move = np.broadcast_arrays(*required(self.world, system, there, own, values))
-                self._check_simple(system, rest, move, at)
-
-    def _values(self, at: Indices) -> Parameters:
-        """Return the samples at some instants."""
-        return replace(self.wide, error=self.wide.error[..., at])
-
-    def _tell_torque(self, utilisation: Array, at: Indices) -> None:
-        self.tally.tests += utilisation.size
-        for j, joint in enumerate(self.world.joints[self.world.base :]):
-            name = LimitName(LimitKind.TORQUE, joint)
-            worst = utilisation[j].max(axis=0)
-            news = worst > self.tally.threshold(name)[at]
-            for t in self.tally.peaks(np.where(news, worst, -np.inf), at) if news.any() else ():
-                if news[t]:
-                    d = int(np.argmax(utilisation[j, :, t]))
-                    error = self.wide.error[:, d, at[t]]
-                    words = self.world.describe(replace(self.values.at(d), error=error), None)
-                    self.tally.add(name, Found(float(worst[t]), int(at[t]), name, words))
-
-    def _check_simple(self, system: System, rest: Array, move: Array, at: Indices) -> None:
-        """Let explicit forces decide most, and the gauge the rest."""
-        threshold = np.maximum(self.tally.threshold(system.name)[at], 0.0) + NEWS
-        contacts = system.contact_points(self.values.friction, self.values.shift)
-        wide = replace(contacts, point=contacts.point[..., None], mu=contacts.mu[..., None])
-        held = certainly_held(system, wide, rest) & certainly_held(system, wide, threshold * rest + move)
-        self.tally.tests += held.size
-        d, t = np.nonzero(~np.broadcast_to(held, rest.shape[1:]))
-        if len(d):
-            value = gauge_of(system, contacts[d], rest[:, d, t], move[:, d, t], threshold[t]).value
-            found = value, self.chosen[d], at[t], threshold[t]
-            _tell(self.world, system, self.motion, self.samples, found, self.tally)
+def _at(samples: Parameters, d: Indices, t: Indices) -> Parameters:
+    """Return the values of samples d (k,) at instants t (k,)."""
+    return replace(samples.at(d), error=samples.error[:, (d + STRIDE * t) % samples.error.shape[-1]])

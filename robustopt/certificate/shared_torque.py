@@ -9,49 +9,39 @@ from scipy.optimize import linprog
 
 from robustopt.arrays import Array, Indices
 from robustopt.certificate.balance import required_by_base
-from robustopt.certificate.bodies import Parameters
 from robustopt.certificate.contact_points import Contacts
-from robustopt.certificate.joints import torques
+from robustopt.certificate.joints import tell_torque, torques
 from robustopt.certificate.loads import body_loads
-from robustopt.certificate.motion import Joints, Motion
+from robustopt.certificate.motion import Joints
 from robustopt.certificate.systems import System
-from robustopt.certificate.tally import Found, Tally
+from robustopt.certificate.tally import Tally
 from robustopt.certificate.world import World
+from robustopt.certificate.worst import Search
 from robustopt.errors import SolverFailed
-from robustopt.limits.names import LimitKind, LimitName
 
 EDGES = 32
 """Edges of the friction cones in the programs for the torques: inside the exact cones."""
 
 
 def check_shared_torque(
-    world: World,
-    system: System,
-    motion: Motion,
-    joints: Joints,
-    limits: Array,
-    worst: tuple[Indices, Parameters],
-    most: int,
-    tally: Tally,
+    search: Search, searched: Indices, joints: Joints, limits: Array, most: int, tally: Tally
 ) -> None:
     """Look at the torques of the floating base's joints in a stance on several contacts.
 
     The contact points are displaced towards the middle of theirs: the hull of any others contains these.
 
     Args:
-        world, system: the bodies and the system of the stance.
-        motion, joints: at its instants.
+        search: of the values that the contacts like least.
+        searched: instants at which these were searched, among those of the stance.
+        joints: at the instants of the stance.
         limits: (m,) of the torques.
-        worst: some of its instants and the values that the contacts like least there, see `check_contacts`.
         most: number of instants that are looked at.
         tally: told the worst.
     """
-    assert system.at is not None
-    searched, values = worst
-    kept = np.unique(np.linspace(0, len(searched) - 1, min(most, len(searched))).astype(int))
-    chosen = searched[kept]
-    values = replace(values.at(kept), shift=np.repeat(_inward(world)[..., None], len(kept), axis=2))
-    motion, joints = motion.at(chosen), joints.at(chosen)
+    world, system = search.world, search.system
+    chosen = searched[np.unique(np.linspace(0, len(searched) - 1, min(most, len(searched))).astype(int))]
+    values = replace(search.worst.at(chosen), shift=np.repeat(_inward(world)[..., None], len(chosen), axis=2))
+    motion, joints = search.motion.at(chosen), joints.at(chosen)
     loads = body_loads(world, motion, values)
     rows = system.loads[0].matrix @ required_by_base(world, motion, loads, values.error)
     contacts = system.contact_points(values.friction, values.shift)
@@ -64,13 +54,8 @@ def check_shared_torque(
             pull = pull / limits[:, None]
             share = _sharing(generators, pull, rows[:, t], torque[:, t])
             utilisation[:, t] = np.maximum(utilisation[:, t], np.abs(torque[:, t] - pull @ share))
-    at = system.at[chosen]
-    for j, joint in enumerate(world.joints[world.base :]):
-        name = LimitName(LimitKind.TORQUE, joint)
-        for t in tally.peaks(utilisation[j], at):
-            words = world.describe(values.at(t), None)
-            tally.add(name, Found(float(utilisation[j, t]), int(at[t]), name, words))
-    tally.tests += utilisation.size
+    for j, own in enumerate(utilisation):
+        tell_torque(world, own, j, values, search.index[chosen], tally)
 
 
 def _inward(world: World) -> Array:

@@ -29,25 +29,18 @@ class Tally:
     worst: dict[tuple[LimitName, bool], Found] = field(default_factory=dict)
     tests: int = 0
 
-    def threshold(self, limit: LimitName) -> Array:
-        """Return the utilisation of a limit that a new one must exceed, (T,)."""
-        found = {grid: self.worst.get((limit, grid)) for grid in (True, False)}
-        values = {grid: -np.inf if item is None else item.utilisation for grid, item in found.items()}
-        return np.where(self.grid, values[True], values[False])
+    def exceeds(self, limit: LimitName, utilisation: float, instant: int) -> bool:
+        """Return whether a utilisation is the worst of a limit so far, at grid points or between them."""
+        known = self.worst.get((limit, bool(self.grid[instant])))
+        return known is None or utilisation > known.utilisation
 
     def add(self, key: LimitName, found: Found) -> None:
         """Keep a utilisation of the limit `key` if it is the worst of its kind so far."""
-        place = (key, bool(self.grid[found.instant]))
-        if place not in self.worst or found.utilisation > self.worst[place].utilisation:
-            self.worst[place] = found
+        if self.exceeds(key, found.utilisation, found.instant):
+            self.worst[key, bool(self.grid[found.instant])] = found
 
-    def peaks(self, utilisation: Array, at: Indices | None = None) -> list[int]:
-        """Return the indices of the largest values (T,) on the grid and between grid points, if there are any.
-
-        Args:
-            utilisation: the values.
-            at: their instants, None for all.
-        """
-        grid = self.grid if at is None else self.grid[at]
+    def peaks(self, utilisation: Array, at: Indices) -> list[int]:
+        """Return the indices of the largest values (k,), at instants `at`, on the grid and between grid points."""
+        grid = self.grid[at]
         kinds = (np.flatnonzero(grid), np.flatnonzero(~grid))
         return [int(kind[np.argmax(utilisation[kind])]) for kind in kinds if len(kind)]

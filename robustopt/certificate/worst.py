@@ -18,7 +18,7 @@ from robustopt.certificate import names
 from robustopt.certificate.balance import balance, certainly_held, goals, required
 from robustopt.certificate.bodies import Parameters
 from robustopt.certificate.force_closure import GAP, Gauge
-from robustopt.certificate.loads import at_lowest, body_loads
+from robustopt.certificate.loads import Load, at_lowest, body_loads
 from robustopt.certificate.motion import Motion
 from robustopt.certificate.systems import System
 from robustopt.certificate.tally import Found, Tally
@@ -33,6 +33,9 @@ SHARED = 3
 
 PROMISING = 0.95
 """Share of the worst utilisation so far from which a quick search goes on."""
+
+NEWS = 1e-7
+"""How much worse than the worst so far a sample must be to be of interest: ten times the accuracy of the gauge."""
 
 SAME = 1e-3
 """A limit counts as the cause if it alone explains the utilisation to this accuracy."""
@@ -54,52 +57,55 @@ class Thoroughness:
     gap: float
 
 
-def check_contacts(
-    world: World, system: System, motion: Motion, starts: Sequence[Parameters], how: Thoroughness, tally: Tally
-) -> tuple[Indices, Parameters]:
-    """Find the worst utilisation of one contact system.
+class Search:
+    """Search for the worst values of a contact system at each of its instants.
 
-    The search starts from each of `starts` (T sets of values), at every `how.every`-th instant. All instants are then
-    tried with the worst values of the nearest of these. The worst of all are tried at all instants too; for systems
-    without a quick test at the searched ones only.
-
-    Args:
-        world, system: the bodies and the system.
-        motion: at the instants of the system.
-        starts: each T sets of values.
-        how: thoroughness.
-        tally: told the worst.
-
-    Returns:
-        the instants that were searched, (S,) among those of the system, and the worst values there, S sets.
+    index: (T,) the instants; grid: True at grid points; worst: T sets of the worst values found so far; upper, lower:
+    (T,) bracket of their gauge
     """
-    search = _Search(world, system, motion, how.gap, tally)
-    every, rounds = how.every, how.rounds if world.uncertain else 0
-    everywhere = np.arange(len(motion.free))
-    chosen = everywhere[::every]
-    for start in starts:
-        search.follow(chosen, start.at(chosen), rounds)
-    if every > 1:
-        nearest = np.minimum((everywhere + every // 2) // every, len(chosen) - 1) * every
-        search.follow(everywhere, search.worst.at(nearest), min(rounds, int(system.simple)), cull=True)
-    if world.uncertain:
-        tried = everywhere if system.simple else chosen
-        for t in np.argsort(-search.upper, kind="stable")[:SHARED]:
-            search.follow(tried, search.worst.at(int(t)).repeated(len(tried)), 0, cull=True)
-    search.report()
-    return chosen, search.worst.at(chosen)
-
-
-class _Search:
-    """The worst values found so far at each instant, `worst`, and the bracket of their gauge, `upper`, `lower` (T,)."""
 
     def __init__(self, world: World, system: System, motion: Motion, gap: float, tally: Tally) -> None:
-        self.world, self.system, self.motion, self.gap, self.tally = world, system, motion, gap, tally
-        count = len(motion.free)
-        self.index = np.arange(count) if system.at is None else system.at
+        """Begin a search; `motion` is that of all instants, and `gap` the accuracy of the gauge."""
+        self.world, self.system, self.gap, self.tally = world, system, gap, tally
+        self.index = np.arange(len(motion.free)) if system.at is None else system.at
+        self.motion = motion if system.at is None else motion.at(system.at)
         self.grid = tally.grid[self.index]
-        self.worst = world.nominal.repeated(count)
-        self.upper, self.lower = np.full(count, -np.inf), np.full(count, -np.inf)
+        self.worst = world.nominal.repeated(len(self.index))
+        self.upper, self.lower = np.full(len(self.index), -np.inf), np.full(len(self.index), -np.inf)
+
+    def run(self, starts: Sequence[Parameters], how: Thoroughness) -> Indices:
+        """Search from each of `starts`, and return the instants at which this was done, (S,) among its own.
+
+        These are every `how.every`-th instant. All instants are then tried with the worst values of the nearest of
+        these. The worst of all are tried at all instants too; for systems without a quick test at the searched ones.
+        """
+        everywhere, rounds = np.arange(len(self.index)), how.rounds if self.world.uncertain else 0
+        chosen = everywhere[:: how.every]
+        for start in starts:
+            self.follow(chosen, start.at(self.index[chosen]), rounds)
+        if how.every > 1:
+            nearest = np.minimum((everywhere + how.every // 2) // how.every, len(chosen) - 1) * how.every
+            self.follow(everywhere, self.worst.at(nearest), min(rounds, int(self.system.simple)), cull=True)
+        if self.world.uncertain:
+            tried = everywhere if self.system.simple else chosen
+            for t in np.argsort(-self.upper, kind="stable")[:SHARED]:
+                self.follow(tried, self.worst.at(int(t)).repeated(len(tried)), 0, cull=True)
+        self._refine()
+        return chosen
+
+    def _refine(self) -> None:
+        """Solve what may be the worst of its kind to full accuracy, which all that follows has too."""
+        self.gap = GAP
+        close = np.flatnonzero(self.upper >= self._level())
+        solution = balance(self.world, self.system, self.motion.at(close), self.worst.at(close), GAP)
+        self.upper[close], self.lower[close] = solution.value, solution.lower
+
+    def sample(self, index: Indices, there: Motion, values: Parameters, loads: Sequence[Load]) -> None:
+        """Try many sets of values at its instants `index`, after `run`; motion and loads are those there."""
+        level = np.maximum(self._level()[index], 0.0)
+        doubtful = self._doubtful(index, there, values, loads, level + NEWS)
+        if len(doubtful):
+            self._try(index[doubtful], values.at(doubtful), level[doubtful])
 
     def follow(self, index: Indices, values: Parameters, rounds: int, cull: bool = False) -> None:
         """Try `values` at the instants `index`, and then `rounds` times the ends that look worse from there.
@@ -108,7 +114,10 @@ class _Search:
         """
         for left in range(rounds, -1, -1):
             if cull:
-                index, values = self._doubtful(index, values)
+                there = self.motion.at(index)
+                loads = body_loads(self.world, there, values)
+                doubtful = self._doubtful(index, there, values, loads, self._level()[index])
+                index, values = index[doubtful], values.at(doubtful)
             if not len(index):
                 return
             solution = self._try(index, values, self._level()[index] if cull else 0.0)
@@ -119,19 +128,21 @@ class _Search:
                     new &= solution.value >= PROMISING * self._level()[index]
                 index, values = index[new], ends.at(np.flatnonzero(new))
 
-    def _doubtful(self, index: Indices, values: Parameters) -> tuple[Indices, Parameters]:
-        """Return the instants where no simple choice of forces shows that they are better than the worst so far."""
-        there, system = self.motion.at(index), self.system
-        rest, move = required(self.world, system, there, body_loads(self.world, there, values), values)
-        level = np.maximum(self._level()[index], 0.0)
-        contacts = system.contact_points(values.friction, values.shift)
-        doubtful = ~(certainly_held(system, contacts, rest) & certainly_held(system, contacts, level * rest + move))
+    def _doubtful(
+        self, index: Indices, there: Motion, values: Parameters, loads: Sequence[Load], level: Array
+    ) -> Indices:
+        """Return the places in `index` where no simple choice of forces shows a utilisation below the level."""
+        rest, move = required(self.world, self.system, there, loads, values)
+        level = np.maximum(level, 0.0)
+        contacts = self.system.contact_points(values.friction, values.shift)
+        held = certainly_held(self.system, contacts, rest) & certainly_held(self.system, contacts, level * rest + move)
         self.tally.tests += len(index)
-        return index[doubtful], values.at(np.flatnonzero(doubtful))
+        return np.flatnonzero(~held)
 
     def _try(self, index: Indices, values: Parameters, enough: Array | float) -> Gauge:
         solution = balance(self.world, self.system, self.motion.at(index), values, self.gap, enough)
-        better = solution.value > self.upper[index]
+        better = np.argsort(solution.value, kind="stable")  # the worst comes last, and stays
+        better = better[solution.value[better] > self.upper[index[better]]]
         found = index[better]
         for own, new in zip(self.worst.arrays(), values.arrays(), strict=True):
             own[..., found] = new[..., better]
@@ -146,30 +157,21 @@ class _Search:
         return np.where(self.grid, levels[0], levels[1])
 
     def report(self) -> None:
-        """Solve what may be the worst of its kind to full accuracy, and tell the tally."""
+        """Tell the tally the worst of each kind."""
         for kind in (self.grid, ~self.grid):
             if not kind.any():
                 continue
-            close = np.flatnonzero(kind & (self.upper >= self._level()))
-            values, there = self.worst.at(close), self.motion.at(close)
-            utilisation = balance(self.world, self.system, there, values, GAP).value
-            best = int(np.argmax(utilisation))
-            instant, worst = int(self.index[close[best]]), float(utilisation[best])
-            report(self.world, self.system, there.at(np.array([best])), values.at(best), instant, worst, self.tally)
+            worst = np.flatnonzero(kind)[np.argmax(self.upper[kind])]
+            values, value = self.worst.at(int(worst)), float(self.upper[worst])
+            limit = limit_name(self.world, self.system, self.motion.at(worst[None]), values, value)
+            words = self.world.describe(values, self.system)
+            self.tally.add(self.system.name, Found(value, int(self.index[worst]), limit, words))
 
 
 def _differ(first: Parameters, second: Parameters) -> Flags:
     """Return whether two times T sets of values differ, (T,)."""
     pairs = zip(first.arrays(), second.arrays(), strict=True)
     return np.asarray(np.any([(a != b).reshape(-1, a.shape[-1]).any(axis=0) for a, b in pairs], axis=0))
-
-
-def report(
-    world: World, system: System, there: Motion, values: Parameters, instant: int, utilisation: float, tally: Tally
-) -> None:
-    """Tell the tally a utilisation that was found with one set of values; `there` is the motion at this instant."""
-    limit = limit_name(world, system, there, values, utilisation)
-    tally.add(system.name, Found(utilisation, instant, limit, world.describe(values, system)))
 
 
 def worse_ends(world: World, system: System, motion: Motion, values: Parameters, solution: Gauge) -> Parameters:
