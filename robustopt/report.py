@@ -233,7 +233,7 @@ def write_figures_and_page(result: PlanResult, data: Summary, folder: Path, figu
     if figures:
         from robustopt.plotting import write_figures
 
-        write_figures(result.plan, result.config, folder / "figures", result.certificate)
+        write_figures(result.plan, result.config, folder / "figures")
     write_page(data, folder)
 
 
@@ -269,7 +269,7 @@ def write_learning_figures(data: Summary, planned: PlanResult | None, folder: Pa
         title = f"{data.name}: {learning.algorithm}"
         write_learning_figure(learning.rows, learning.target_rate, title, folder / "figures")
     if planned is not None:
-        write_figures(planned.plan, planned.config, folder / "figures", planned.certificate)
+        write_figures(planned.plan, planned.config, folder / "figures")
 
 
 def write_page(data: Summary, folder: Path) -> None:
