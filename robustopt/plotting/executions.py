@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from robustopt.arrays import Array, Flags
-from robustopt.plotting.style import BLUE, CONTACT_COLOURS, GREY, INK, LIMIT_COLOURS, PALE, VERMILLION, joint_unit
+from robustopt.plotting.style import BLUE, CONTACT_COLOURS, GREY, INK, LIMIT_COLOURS, PALE, joint_unit
 from robustopt.robot import Robot
 from robustopt.simulation.trace import Trace
 from robustopt.solvers.contact_forces import ContactForces
@@ -27,6 +27,8 @@ SHOWN = 1.5
 
 FAR = 10.0
 """A threshold this many times larger than every value is left out, so that the values can be seen."""
+
+FAILURE: dict[str, Any] = {"color": INK, "linewidth": 1.2, "linestyle": "--"}
 
 STILL_SHADED = "grey: the robot stands still"
 
@@ -73,7 +75,9 @@ def _draw_trial(axes: Sequence[Axes], trace: Trace, joints: Sequence[int]) -> No
             axis.plot(trace.t, factor * getattr(motion, kind), color=colour, label=_words(name))
         for threshold in thresholds:
             axis.axhline(threshold, color=INK, linewidth=0.8)
-    axes[0].plot([], [], color=INK, linewidth=0.8, label="counts as a failure")
+    axes[0].plot([], [], color=INK, linewidth=0.8, label="threshold of a failure")
+    if trace.outcome.what:
+        axes[0].plot([], [], **FAILURE, label="failure")
     for colour, joint in zip(LIMIT_COLOURS, joints, strict=False):
         name, error = _words(trace.joint_names[joint]), 1e3 * trace.tracking_error[:, joint]
         axes[2].plot(trace.t, error, color=colour, linewidth=1.0, label=name)
@@ -210,7 +214,7 @@ def _top(traces: Sequence[Trace], kind: str) -> float:
 
 def _heading(trace: Trace) -> str:
     outcome = trace.outcome
-    what = f" {_words(outcome.what)}" if outcome.what else ""
+    what = f" ({_words(outcome.what)})" if outcome.what else ""
     return f"trial {outcome.trial}: {outcome.status.value}{what}"
 
 
@@ -230,4 +234,4 @@ def _mark(axis: Axes, trace: Trace) -> None:
         axis.axvspan(start, end, color=GREY, alpha=0.25, linewidth=0)
     axis.set_xlim(trace.t[0], trace.t[-1])
     if trace.outcome.what:
-        axis.axvline(trace.outcome.time, color=VERMILLION, linewidth=1.2)
+        axis.axvline(trace.outcome.time, **FAILURE)

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from robustopt.arrays import Array
+from robustopt.arrays import Array, Indices
 from robustopt.plotting.style import DARK_GREY, GREY, INK, limit_colours
 from robustopt.solvers.plan import Plan
 from robustopt.solvers.trajectory import Trajectory, binding_shares
@@ -19,7 +19,7 @@ DASHES = ("--", ":", "-.")
 
 
 def contact_utilisation(plan: Plan) -> list[dict[str, Array]]:
-    """Return the used part of each contact limit on every interval: the larger one of its two ends.
+    """Return the used part of each contact limit on every interval that has a length: the larger of its two ends.
 
     The used part is 1 less the margin of the plan's own rows for the worst values in the intervals, as a fraction of
     the holding force or, of contacts that only press, of the weight (our choice). A limit that binds has 1. Contacts
@@ -29,11 +29,11 @@ def contact_utilisation(plan: Plan) -> list[dict[str, Array]]:
         plan: A plan with a timing.
 
     Returns:
-        For each group of held bodies the used part by the name of the limit, shape (P - 1,), not a number while the
-        contact does not exist.
+        For each group of held bodies the used part by the name of the limit, shape (M,), not a number while the contact
+        does not exist.
     """
-    ends = np.arange(len(plan.u))[:, None] + (0, 1)
-    u, x = np.repeat(plan.u, 2), plan.x[ends].ravel()
+    ends = _ends(plan)
+    u, x = np.repeat(plan.u[ends[:, 0]], 2), plan.x[ends].ravel()
     groups: dict[tuple[str, ...], dict[str, Array]] = {}
     for limit in plan.problem.limits.contacts:
         group = groups.setdefault(limit.system.objects, {})
@@ -43,6 +43,11 @@ def contact_utilisation(plan: Plan) -> list[dict[str, Array]]:
             if not np.isnan(used).all():
                 group[name] = np.fmax(group.get(name, used), used)
     return [group for group in groups.values() if group]
+
+
+def _ends(plan: Plan) -> Indices:
+    """Return the grid points at both ends of every interval that has a length, (M, 2)."""
+    return np.flatnonzero(plan.problem.ds > 0)[:, None] + (0, 1)
 
 
 def contacts_figure(plan: Plan, title: str) -> Figure:
@@ -55,7 +60,7 @@ def contacts_figure(plan: Plan, title: str) -> Figure:
     Returns:
         The figure.
     """
-    t, groups = Trajectory.from_plan(plan).times, contact_utilisation(plan)
+    t, groups = Trajectory.from_plan(plan).times[_ends(plan)].ravel(), contact_utilisation(plan)
     heights = [max(1.5, 0.3 + 0.2 * len(group)) for group in groups]
     figure = Figure(figsize=(9, 0.9 + sum(heights)))
     rows = figure.subplots(len(groups), 1, sharex=True, sharey=True, squeeze=False, height_ratios=heights)[:, 0]
@@ -79,4 +84,4 @@ def _draw(axes: Axes, t: Array, group: dict[str, Array], colours: Sequence[str])
     for colour, (name, used) in zip(colours, group.items(), strict=True):
         style = next(dashes) if colour in (GREY, DARK_GREY) else "-"
         label = f"{name}, up to {100 * np.nanmax(used):.1f} %"
-        axes.plot(np.repeat(t, 2)[1:-1], np.repeat(used, 2), color=colour, linestyle=style, label=label)
+        axes.plot(t, np.repeat(used, 2), color=colour, linestyle=style, label=label)
