@@ -58,7 +58,7 @@ _STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; }
 h1 { font-size: 1.5rem; } h2 { font-size: 1.1rem; margin: 1.5rem 0 0.3rem; }
 table { border-collapse: collapse; } td { padding: 0.1rem 1.5rem 0.1rem 0; vertical-align: top; }
-span { display: inline-block; min-width: 4rem; text-align: right; margin-right: 1rem; }
+td:has(i) { white-space: nowrap; } span { display: inline-block; min-width: 4rem; text-align: right; margin-right: 1rem; }
 i { display: inline-block; background: #3b82ab; height: 0.8rem; width: calc(var(--share) * min(16rem, 25vw)); }
 .wide { overflow-x: auto; } img { background: white; max-width: max(100%, 40rem); }
 .iterations td, th { padding: 0.1rem 0.8rem 0.1rem 0; text-align: right; white-space: nowrap; }
@@ -113,8 +113,8 @@ def _executions(executions: ExecutionsRecord) -> list[Row]:
     lines = [Row(name, f"{count:,}", count / executions.trials) for name, count in executions.statuses.items()]
     first = executions.first_failure
     if first is not None:
-        place = f"{first.status}, {first.what}, at t = {first.t:.3f} s, s = {first.s:.4f}"
-        lines.append(Row("earliest failure", f"{place} in trial {first.trial}"))
+        place = f"{first.status}, {first.what}, t = {first.t:.3f} s, s = {first.s:.4f}"
+        lines.append(Row("earliest failure", f"trial {first.trial}: {place}"))
     speed = "" if executions.speed == 1.0 else f", {executions.speed:g} times the plan's speed"
     lines.append(Row("duration", f"{executions.duration:.4f} s{speed}"))
     if executions.feedback is not None:

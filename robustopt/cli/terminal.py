@@ -128,7 +128,7 @@ def show_runs(records: Sequence[Listed], folder: Path) -> None:
 
     from robustopt.report import print_whole
 
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=0)
     for head in ("kind", "state", "result", "duration [s]", "created", "folder"):
         table.add_column(Text(head), justify="right" if head.startswith("duration") else "left", no_wrap=True)
     for record in records:
