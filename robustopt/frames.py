@@ -75,5 +75,7 @@ def learned_html(learned: Learned) -> str:
 
 
 def _page(text: str, frame: pd.DataFrame | None = None) -> str:
-    table = "" if frame is None else frame.to_html(max_rows=MOST_ROWS, max_cols=MOST_COLUMNS, index=False)
-    return f"<p>{escape(text)}</p>\n{table}"
+    if frame is None:
+        return f"<p>{escape(text)}</p>\n"
+    table = frame.to_html(max_rows=MOST_ROWS, max_cols=MOST_COLUMNS, index=False, float_format="{:.4g}".format)
+    return f'<p>{escape(text)}</p>\n<div style="overflow-x: auto">{table}</div>'

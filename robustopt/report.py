@@ -58,7 +58,8 @@ _STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; }
 h1 { font-size: 1.5rem; } h2 { font-size: 1.1rem; margin: 1.5rem 0 0.3rem; }
 table { border-collapse: collapse; } td { padding: 0.1rem 1.5rem 0.1rem 0; vertical-align: top; }
-td:has(i) { white-space: nowrap; } span { display: inline-block; min-width: 4rem; text-align: right; margin-right: 1rem; }
+td:has(i) { white-space: nowrap; }
+span { display: inline-block; min-width: 4rem; text-align: right; margin-right: 1rem; }
 i { display: inline-block; background: #3b82ab; height: 0.8rem; width: calc(var(--share) * min(16rem, 25vw)); }
 .wide { overflow-x: auto; } img { background: white; max-width: max(100%, 40rem); }
 .iterations td, th { padding: 0.1rem 0.8rem 0.1rem 0; text-align: right; white-space: nowrap; }
