@@ -445,6 +445,17 @@ def test_curve_of_a_real_plan_does_not_depend_on_the_method(waiter):
         assert np.all(np.sqrt(plan.x) <= curve * (1 + 1e-4))
 
 
+def test_no_speed_is_admissible_where_the_curves_would_cross():
+    """A weak joint: the exact viscous torque takes the maximum velocity below the minimum velocity."""
+    file = Path(__file__).parents[1] / "configs" / "waiter_two_blocks.yaml"
+    weak = ["solver.collocation_points=60", "robot.limits={joint2: {torque: 20}}"]
+    low, high = velocity_limits(build_problem(load_config(file, overrides=weak)))
+    assert np.array_equal(np.isnan(low), np.isnan(high))
+    some = ~np.isnan(low)
+    assert some.any()
+    assert np.all(low[some] <= high[some])
+
+
 def test_torque_that_binds_touches_its_robust_limit(waiter):
     plan = waiter["reachability"]
     quantities = {quantity.name: quantity for quantity in joint_quantities(plan)[1]}
