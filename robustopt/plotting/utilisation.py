@@ -22,8 +22,9 @@ def contact_utilisation(plan: Plan) -> list[dict[str, Array]]:
     """Return the used part of each contact limit on every interval that has a length: the larger of its two ends.
 
     The used part is 1 less the margin of the plan's own rows for the worst values in the intervals, as a fraction of
-    the holding force or, of contacts that only press, of the weight (our choice). A limit that binds has 1. Contacts
-    without explicit rows count with those that the solver added, which bound their cone from outside.
+    the holding force or, of contacts that only press, of the weight, or of the largest margin at standstill if that is
+    larger (our choice). A limit that binds has 1. Contacts without explicit rows count with those that the solver
+    added, which bound their cone from outside.
 
     Args:
         plan: A plan with a timing.
@@ -37,9 +38,12 @@ def contact_utilisation(plan: Plan) -> list[dict[str, Array]]:
     groups: dict[tuple[str, ...], dict[str, Array]] = {}
     for limit in plan.problem.limits.contacts:
         group = groups.setdefault(limit.system.objects, {})
-        excess = limit.with_all_facets().excess(u, x, ends.ravel())
-        for name, values in zip(limit.names, excess.reshape(*ends.shape, -1).max(axis=1).T, strict=True):
-            used = np.where(np.isfinite(values), 1.0 + values, np.nan)
+        full = limit.with_all_facets()
+        standing = full.excess(np.zeros_like(u), np.zeros_like(x), ends.ravel())
+        unit = np.maximum(1.0, -standing.min(axis=0, initial=0.0, where=np.isfinite(standing)))
+        excess = full.excess(u, x, ends.ravel()).reshape(*ends.shape, -1).max(axis=1) / unit
+        for name, values in zip(limit.names, excess.T, strict=True):
+            used = np.where(np.isfinite(values), np.maximum(1.0 + values, 0.0), np.nan)
             if not np.isnan(used).all():
                 group[name] = np.fmax(group.get(name, used), used)
     return [group for group in groups.values() if group]
