@@ -15,8 +15,8 @@ from robustopt.simulation import Executions, TrialOutcome
 from robustopt.solvers import Plan, Status
 from robustopt.solvers.trajectory import Trajectory, columns
 
-MOST_ROWS = 10
-"""Rows of a table that a notebook shows."""
+MOST_ROWS, MOST_COLUMNS = 10, 22
+"""Rows and columns of a table that a notebook shows; the plan of six joints has 22 columns."""
 
 
 def plan_frame(plan: Plan) -> pd.DataFrame:
@@ -75,5 +75,7 @@ def learned_html(learned: Learned) -> str:
 
 
 def _page(text: str, frame: pd.DataFrame | None = None) -> str:
-    table = "" if frame is None else frame.to_html(max_rows=MOST_ROWS, index=False)
-    return f"<p>{escape(text)}</p>\n{table}"
+    if frame is None:
+        return f"<p>{escape(text)}</p>\n"
+    table = frame.to_html(max_rows=MOST_ROWS, max_cols=MOST_COLUMNS, index=False, float_format="{:.4g}".format)
+    return f'<p>{escape(text)}</p>\n<div style="overflow-x: auto">{table}</div>'

@@ -29,7 +29,10 @@ if TYPE_CHECKING:
     from robustopt.runs.plan_run import PlanResult
 
 MOST_LIMITS = 8
-"""Number of limits that are shown by name; the rest are summed up."""
+"""Number of limits that are shown by name; the rest are summed up, if they are several."""
+
+ROUNDING = 1e-6
+"""Part of a limit below which a margin is shown as 0: solvers meet their rows no better."""
 
 PAGE = "report.html"
 
@@ -51,12 +54,15 @@ FIGURES = (
 _COLOURS = {RunStatus.SOLVED: "green", RunStatus.LEARNED: "green", RunStatus.INFEASIBLE: "yellow"}
 
 _STYLE = """
-body { font: 15px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; color: #222; }
+:root { color-scheme: light dark; }
+body { font: 15px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; }
+h1 { font-size: 1.5rem; } h2 { font-size: 1.1rem; margin: 1.5rem 0 0.3rem; }
 table { border-collapse: collapse; } td { padding: 0.1rem 1.5rem 0.1rem 0; vertical-align: top; }
-td:first-child { white-space: nowrap; } td.share { min-width: 16rem; }
-td.share div { background: #2a6f97; height: 0.8rem; margin-top: 0.35rem; }
-table.iterations td, th { padding: 0.1rem 0.8rem 0.1rem 0; text-align: right; white-space: nowrap; }
-img { max-width: 100%; } h2 { font-size: 1.1rem; margin: 1.5rem 0 0.3rem; }
+td:has(i) { white-space: nowrap; }
+span { display: inline-block; min-width: 4rem; text-align: right; margin-right: 1rem; }
+i { display: inline-block; background: #3b82ab; height: 0.8rem; width: calc(var(--share) * min(16rem, 25vw)); }
+.wide { overflow-x: auto; } img { background: white; max-width: max(100%, 40rem); }
+.iterations td, th { padding: 0.1rem 0.8rem 0.1rem 0; text-align: right; white-space: nowrap; }
 """
 
 
@@ -108,9 +114,10 @@ def _executions(executions: ExecutionsRecord) -> list[Row]:
     lines = [Row(name, f"{count:,}", count / executions.trials) for name, count in executions.statuses.items()]
     first = executions.first_failure
     if first is not None:
-        place = f"{first.status}, {first.what}, at t = {first.t:.3f} s, s = {first.s:.4f}"
-        lines.append(Row("earliest failure", f"{place} in trial {first.trial}"))
-    lines.append(Row("duration", f"{executions.duration:.4f} s, {executions.speed:g} times the plan's speed"))
+        place = f"{first.status}, {first.what}, t = {first.t:.3f} s, s = {first.s:.4f}"
+        lines.append(Row("earliest failure", f"trial {first.trial}: {place}"))
+    speed = "" if executions.speed == 1.0 else f", {executions.speed:g} times the plan's speed"
+    lines.append(Row("duration", f"{executions.duration:.4f} s{speed}"))
     if executions.feedback is not None:
         lines.append(Row("acceleration error mean", _errors(executions.feedback.mean)))
         lines.append(Row("acceleration error deviation", _errors(executions.feedback.deviation)))
@@ -121,7 +128,7 @@ def _errors(values: Sequence[float]) -> str:
     """Return the errors of all coordinates, or their range if there are many."""
     if len(values) > MOST_LIMITS:
         return f"{min(values):.3f} to {max(values):.3f} over {len(values)} coordinates"
-    return ", ".join(f"{value:.3f}" for value in values)
+    return ", ".join(f"{round(value, 3) + 0.0:.3f}" for value in values)
 
 
 def certificate_rows(certificate: CertificateRecord) -> list[Row]:
@@ -129,12 +136,13 @@ def certificate_rows(certificate: CertificateRecord) -> list[Row]:
     worst, margins = certificate.worst, certificate.margins
     effort = f"{certificate.level}: {certificate.samples:,} samples, {certificate.tests:,} tests"
     name, margin = min(margins.items(), key=lambda item: _lowest(item[1].on_grid))
+    grid = "at a grid point" if worst.on_grid else "between grid points"
     lines = [
         Row("result", f"{'passed' if certificate.passed else 'failed'} ({effort})"),
         Row("margin at grid points", f"{_left(margin.on_grid)}: {name}"),
         Row("worst margin", f"{_left(worst.margin)}: {worst.limit}"),
-        Row("  where", f"{worst.place}, {'at a' if worst.on_grid else 'next to a'} grid point"),
-        Row("  when", f"t = {worst.t:.3f} s, s = {worst.s:.4f}"),
+        Row("  where", worst.place),
+        Row("  when", f"t = {worst.t:.3f} s, s = {worst.s:.4f}, {grid}"),
     ]
     return [*lines, *(Row("  with " + row.name, row.value) for row in rows(worst.parameters) if row.value)]
 
@@ -151,11 +159,13 @@ def _lowest(margin: float | None) -> float:
 
 
 def _left(margin: float | None) -> str:
-    return "not held by any forces" if margin is None else f"{100 * margin + 0.0:.2g} % of the limit"
+    if margin is None:
+        return "not held by any forces"
+    return f"{100 * margin if abs(margin) > ROUNDING else 0.0:.2g} % of the limit"
 
 
 def _binding(shares: Mapping[str, float]) -> list[Row]:
-    shown = dict(list(shares.items())[:MOST_LIMITS])
+    shown = dict(list(shares.items())[: MOST_LIMITS if len(shares) > MOST_LIMITS + 1 else None])
     if len(shares) > len(shown):
         shown[f"{len(shares) - len(shown)} more"] = 1.0 - sum(shown.values())
     return [Row(name, f"{100 * share:.1f} %", share) for name, share in shown.items()]
@@ -201,9 +211,12 @@ def print_whole(shown: Table, console: Console) -> None:
 def print_rows(title: str, lines: Sequence[Row], console: Console) -> None:
     """Print lines under a heading."""
     table = Table.grid(padding=(0, 2))
+    table.add_column(no_wrap=True)
+    width = max((len(value) for _, value, share in lines if share is not None), default=0)
     for name, value, share in lines:
-        bar = Text("█" * round(24 * share), style="cyan") if share is not None else Text()
-        table.add_row(f"  {name}", Text(value, justify="right" if share is not None else "left"), bar)
+        bar = "" if share is None else "█" * round(24 * share)
+        shown = value if share is None else f"{value:>{width}}  "
+        table.add_row(f"  {name}", Text.assemble(shown, (bar, "cyan")))
     console.print(Text(f"\n{title}", style="bold"))
     console.print(table)
 
@@ -233,7 +246,7 @@ def write_figures_and_page(result: PlanResult, data: Summary, folder: Path, figu
     if figures:
         from robustopt.plotting import write_figures
 
-        write_figures(result.plan, result.config, folder / "figures", result.certificate)
+        write_figures(result.plan, result.config, folder / "figures")
     write_page(data, folder)
 
 
@@ -269,7 +282,7 @@ def write_learning_figures(data: Summary, planned: PlanResult | None, folder: Pa
         title = f"{data.name}: {learning.algorithm}"
         write_learning_figure(learning.rows, learning.target_rate, title, folder / "figures")
     if planned is not None:
-        write_figures(planned.plan, planned.config, folder / "figures", planned.certificate)
+        write_figures(planned.plan, planned.config, folder / "figures")
 
 
 def write_page(data: Summary, folder: Path) -> None:
@@ -280,8 +293,9 @@ def write_page(data: Summary, folder: Path) -> None:
     paths = [path for pattern in FIGURES for path in sorted((folder / "figures").glob(pattern))]
     figures = "".join(_figure(path) for path in paths)
     page = (
-        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{title}</title><style>{_STYLE}</style>'
-        f"</head>\n<body><h1>{title}</h1>\n<p>{escape(data.message)}</p>\n{tables}{figures}</body></html>\n"
+        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+        f'<meta name="viewport" content="width=device-width, initial-scale=1"><title>{title}</title>'
+        f"<style>{_STYLE}</style></head>\n<body><h1>{title}</h1>\n<p>{escape(data.message)}</p>\n{tables}{figures}</body></html>\n"
     )
     (folder / PAGE).write_text(page, encoding="utf-8")
 
@@ -293,7 +307,8 @@ def _iterations(records: Sequence[Iteration]) -> str:
     head = "".join(f"<th>{escape(name)}</th>" for name in heads)
     body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in line)}</tr>\n" for line in lines)
     meanings = f"<p>{escape(legend(records))}</p>\n"
-    return f'<h2>Iterations</h2>\n<table class="iterations"><tr>{head}</tr>\n{body}</table>\n{meanings}'
+    lines_of_plans = f"<table><tr>{head}</tr>\n{body}</table>"
+    return f'<h2>Iterations</h2>\n<div class="wide iterations">{lines_of_plans}</div>\n{meanings}'
 
 
 def _table(lines: Sequence[Row]) -> str:
@@ -301,11 +316,13 @@ def _table(lines: Sequence[Row]) -> str:
 
 
 def _table_row(row: Row) -> str:
-    bar = "" if row.share is None else f'<td class="share"><div style="width: {100 * row.share:.1f}%"></div></td>'
-    return f"<tr><td>{escape(row.name)}</td><td>{escape(row.value)}</td>{bar}</tr>\n"
+    value = escape(row.value)
+    if row.share is not None:
+        value = f'<span>{value}</span><i style="--share: {row.share:.3f}"></i>'
+    return f"<tr><td>{escape(row.name)}</td><td>{value}</td></tr>\n"
 
 
 def _figure(path: Path) -> str:
     data = base64.b64encode(path.read_bytes()).decode()
     title = escape(path.stem.replace("_", " "))
-    return f'<h2>{title}</h2>\n<img alt="{title}" src="data:image/svg+xml;base64,{data}">\n'
+    return f'<h2>{title}</h2>\n<div class="wide"><img alt="{title}" src="data:image/svg+xml;base64,{data}"></div>\n'

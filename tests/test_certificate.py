@@ -12,7 +12,7 @@ import pytest
 from scenes import scene, waiter
 from scipy.optimize import linprog
 
-from robustopt.certificate import LEVELS, Certificate, certify, interface_utilisation
+from robustopt.certificate import LEVELS, Certificate, certify
 from robustopt.certificate.balance import balance
 from robustopt.certificate.bodies import Parameters
 from robustopt.certificate.force_closure import GAP
@@ -177,10 +177,6 @@ def test_turning_at_constant_speed_throws_outwards() -> None:
     x = 2 * 0.1 * 40.0
     worst_of_ends = np.hypot(0.7**2 * x * 0.5, 0.7 * 40.0 * 0.5)
     assert margin(certificate, "contact of box on tray") < 1 - worst_of_ends / (0.5 * G) + 1e-7
-    times, utilisation = interface_utilisation(config, timing(config, LinePath([0.7]), u))
-    cruising = utilisation["box on tray"][0][2:-2]
-    np.testing.assert_allclose(cruising, 0.7**2 * x * 0.5 / (0.5 * G), atol=1e-9)
-    assert np.all(np.diff(times) >= 0)
 
 
 def test_spinning_up_twists() -> None:
@@ -588,27 +584,6 @@ def test_a_long_grid_is_thinned_and_says_so() -> None:
     assert certificate.intervals == 3000
     assert certificate.intervals_checked == 1000
     assert "1000 of 3000 intervals" in certificate.sentence
-
-
-# Interfaces over time -------------------------------------------------------------------------------------
-
-
-def test_interface_utilisation_is_slip_and_tipping() -> None:
-    config = on_slide({"low": LOW | {"at": [0.0, -0.2]}, "tall": TALL | {"at": [0.0, 0.1]}}, 0.5)
-    times, utilisation = interface_utilisation(config, there_and_stop(config, 1.0))
-    assert len(times) == 20
-    for name, height, half in (("low on tray", 0.02, 0.1), ("tall on tray", 0.2, 0.05)):
-        slip, tipping = utilisation[name]
-        np.testing.assert_allclose(slip, 1 / (0.5 * G), atol=1e-12)
-        np.testing.assert_allclose(tipping, height / G / half, atol=1e-12)
-
-
-def test_interface_utilisation_of_a_bridge_is_its_balance() -> None:
-    config = on_slide(BRIDGE, 0.2)
-    _, utilisation = interface_utilisation(config, there_and_stop(config, 1.5))
-    balance, none = utilisation["balance of plank on left and right"]
-    np.testing.assert_allclose(balance, 1.5 / (0.2 * G), atol=1e-6)
-    assert np.all(np.isnan(none))
 
 
 # Plans ----------------------------------------------------------------------------------------------------

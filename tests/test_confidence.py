@@ -223,7 +223,8 @@ def test_what_a_run_of_ilrobs_earned():
     assert result.needed == 18
     assert result.sentence == (
         "7 successes in a row show a success rate of at least 0.652 at 0.95 confidence, or 0.505 as the best of 6 "
-        "tested plans; that it is at least 0.841 has the confidence 0.702. 0.841 at 0.95 takes 18 in a row."
+        "tested plans; that it is at least 0.841 has the confidence 0.702. To show 0.841 at 0.95 confidence takes "
+        "18 in a row."
     )
 
 

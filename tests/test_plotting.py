@@ -15,15 +15,14 @@ from matplotlib.colors import to_hex
 from scenes import FLAT, plan_of, scene
 from scipy.optimize import linprog
 
-from robustopt.certificate import certify
 from robustopt.config import AccelerationError
 from robustopt.config.load import load_config
 from robustopt.limits import build_problem
 from robustopt.limits.uncertainty import acceleration_error
-from robustopt.plotting import contacts_figure, figures, house_style, phase_plane, shares_figure, write_figures
+from robustopt.plotting import contacts_figure, house_style, phase_plane, shares_figure, write_figures
 from robustopt.plotting.joints import joint_figures, joint_quantities
-from robustopt.plotting.style import LIMIT_COLOURS, OTHER, limit_colours, percent
-from robustopt.plotting.utilisation import Utilisation
+from robustopt.plotting.style import DARK_GREY, LIMIT_COLOURS, OTHER, limit_colours, percent
+from robustopt.plotting.utilisation import contact_utilisation
 from robustopt.plotting.velocity_limit import largest_x, velocity_limits
 from robustopt.solvers import solve
 from robustopt.solvers.trajectory import NO_LIMIT, Trajectory, binding_shares
@@ -390,31 +389,6 @@ def test_bars_beyond_the_twelfth_are_one():
     assert sum(bar.get_width() for bar in axes.patches) == pytest.approx(1.0)
 
 
-def test_contacts_figure_shows_an_exceeded_limit():
-    t = np.linspace(0, 1, 5)
-    figure = contacts_figure(
-        {"a on tray": Utilisation(t, t, 1.5 * t), "b on a": Utilisation(t, t, t)}, "wave", {"b on a": 0.4321}
-    )
-    first, second = figure.axes
-    assert first.get_ylim()[1] > 1.5
-    assert [axes.get_title(loc="left") or axes.get_title() for axes in figure.axes] == [
-        "a on tray",
-        "b on a, worst case 43.2 %",
-    ]
-    np.testing.assert_array_equal(first.get_lines()[2].get_ydata(), 1.5 * t)
-    assert second.get_lines()[0].get_ydata()[0] == 1.0
-
-
-def test_contacts_figure_of_a_bridge_and_of_an_object_that_lifts_off():
-    t = np.linspace(0, 1, 5)
-    lifted = np.where(t > 0.9, np.inf, t)
-    used = {"plank": Utilisation(t, t, np.full(5, np.nan)), "a on tray": Utilisation(t, lifted, t)}
-    figure = contacts_figure(used, "wave")
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["balance", "slip", "tipping"]
-    assert np.isfinite(figure.axes[0].get_ylim()[1])
-    assert figure.axes[1].get_lines()[1].get_ydata()[-1] == 2.0
-
-
 # files ----------------------------------------------------------------------------------------------------------------
 
 
@@ -471,6 +445,17 @@ def test_curve_of_a_real_plan_does_not_depend_on_the_method(waiter):
         assert np.all(np.sqrt(plan.x) <= curve * (1 + 1e-4))
 
 
+def test_no_speed_is_admissible_where_the_curves_would_cross():
+    """A weak joint: the exact viscous torque takes the maximum velocity below the minimum velocity."""
+    file = Path(__file__).parents[1] / "configs" / "waiter_two_blocks.yaml"
+    weak = ["solver.collocation_points=60", "robot.limits={joint2: {torque: 20}}"]
+    low, high = velocity_limits(build_problem(load_config(file, overrides=weak)))
+    assert np.array_equal(np.isnan(low), np.isnan(high))
+    some = ~np.isnan(low)
+    assert some.any()
+    assert np.all(low[some] <= high[some])
+
+
 def test_torque_that_binds_touches_its_robust_limit(waiter):
     plan = waiter["reachability"]
     quantities = {quantity.name: quantity for quantity in joint_quantities(plan)[1]}
@@ -490,17 +475,46 @@ def test_acceleration_stays_within_its_robust_limits(waiter):
         assert np.all((acceleration.value[:, joint] >= lower - 1e-6) & (acceleration.value[:, joint] <= upper + 1e-6))
 
 
-def test_contacts_of_a_real_plan(waiter):
-    """The lower block is at its limit with the worst parameters; 2 mm of 40 and more short of it with those given."""
+def test_contact_utilisation_is_that_of_closed_forms():
+    """At level acceleration a block slips at mu g, and tips at g half / height of its centre of mass."""
+    plan = plan_of(scene("slide", objects={"box": FLAT}, contact={"friction": 0.3}))
+    (group,) = contact_utilisation(plan)
+    a = np.abs(plan.u) / 9.81
+    assert list(group) == ["slip of box on tray", "tipping of box over tray"]
+    np.testing.assert_allclose(group["slip of box on tray"], a / 0.3, atol=1e-9)
+    np.testing.assert_allclose(group["tipping of box over tray"], a * 0.01 / 0.1, atol=1e-9)
+    assert group["slip of box on tray"].max() == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    "name", ["waiter_two_blocks", "waiter_bridge", "pick_suction", "pick_gripper", "humanoid_step"]
+)
+def test_contact_limits_that_bind_touch_all_of_their_limit(name):
+    file = Path(__file__).parents[1] / "configs" / f"{name}.yaml"
+    plan = solve(build_problem(load_config(file, overrides=["solver.collocation_points=40"])))
+    used = {limit: part for group in contact_utilisation(plan) for limit, part in group.items()}
+    binding = {limit for active in plan.active for limit in active} & used.keys()
+    assert binding
+    for limit, part in used.items():
+        assert np.nanmax(part) <= 1 + 1e-4
+        if limit in binding:
+            assert np.nanmax(part) == pytest.approx(1.0, abs=2e-4)
+
+
+KINDS = (("slip", "on"), ("tipping", "over"))
+
+
+def test_contacts_figure_names_the_limits_in_the_colours_of_the_other_figures(waiter):
     plan = waiter["reachability"]
-    config = plan.problem.config
     with house_style():
-        figure = figures(plan, config, certify(plan))["contacts"]
-    lower, upper = figure.axes
-    assert lower.get_title(loc="left").startswith("lower on tray, worst case 100.")
-    assert upper.get_title(loc="left").startswith("upper on lower, worst case")
-    tipping = lower.get_lines()[2].get_ydata()
-    assert 0.5 < tipping.max() < 1 - 2 / 40
+        figure = contacts_figure(plan, "waiter")
+    colours = limit_colours(binding_shares(plan))
+    lines = [line for axes in figure.axes for line in axes.get_lines()[1:]]
+    drawn = {line.get_label().rsplit(", up to", 1)[0]: line.get_color() for line in lines}
+    lower, upper = "lower {} tray", "upper {} lower"
+    assert list(drawn) == [f"{kind} of {pair.format(word)}" for pair in (lower, upper) for kind, word in KINDS]
+    for limit, colour in drawn.items():
+        assert colour == colours.get(limit, DARK_GREY)
 
 
 def test_real_plan_is_drawn(waiter, tmp_path):

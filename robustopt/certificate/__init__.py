@@ -7,6 +7,5 @@ collected in a `tally`; `certify` puts them together.
 """
 
 from robustopt.certificate.certify import LEVELS, Certificate, Level, Margin, Worst, certify
-from robustopt.certificate.interfaces import interface_utilisation
 
-__all__ = ["LEVELS", "Certificate", "Level", "Margin", "Worst", "certify", "interface_utilisation"]
+__all__ = ["LEVELS", "Certificate", "Level", "Margin", "Worst", "certify"]

@@ -115,7 +115,7 @@ def plan(
     seed: Seed = None,
     certify: Annotated[
         Effort,
-        typer.Option(help="check the plan quickly (at most a second) or fully (more samples, all corners)"),
+        typer.Option(help="check the plan quickly, or fully (more samples, all corners)"),
     ] = Effort.quick,
     figures: Annotated[bool, typer.Option(help="draw the figures")] = True,
     dry_run: Annotated[

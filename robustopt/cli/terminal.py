@@ -124,16 +124,18 @@ def show_runs(records: Sequence[Listed], folder: Path) -> None:
         return
     from rich import box
     from rich.table import Table
+    from rich.text import Text
 
     from robustopt.report import print_whole
 
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=0)
     for head in ("kind", "state", "result", "duration [s]", "created", "folder"):
-        table.add_column(head, justify="right" if head.startswith("duration") else "left", no_wrap=True)
+        table.add_column(Text(head), justify="right" if head.startswith("duration") else "left", no_wrap=True)
     for record in records:
         duration = "" if record.duration is None else f"{record.duration:.4f}"
-        cells = (record.kind, record.state, record.status, duration, record.created[:19], record.folder)
-        table.add_row(*(str(cell or "") for cell in cells))
+        created = record.created[:16].replace("T", " ")
+        cells = (record.kind, record.state, record.status, duration, created, record.folder)
+        table.add_row(*(Text(str(cell or "")) for cell in cells))
     print_whole(table, console())
 
 

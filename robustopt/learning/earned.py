@@ -39,7 +39,7 @@ class Earned:
             f"{self.successes} {shown} a success rate of at least {self.lower:.3g} at "
             f"{self.confidence:.3g} confidence, or {self.simultaneous:.3g} as the best of {self.tests} tested plans; "
             f"that it is at least {self.rate:.3g} has the confidence {self.earned:.3g}. "
-            f"{self.rate:.3g} at {self.confidence:.3g} takes {self.needed} in a row."
+            f"To show {self.rate:.3g} at {self.confidence:.3g} confidence takes {self.needed} in a row."
         )
 
 

@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from robustopt.arrays import Array, Flags, Indices
-from robustopt.limits.formulas import evaluate
 from robustopt.limits.names import LimitName
-from robustopt.limits.polygons import Loads, Polygons, cut_part, facet_family
+from robustopt.limits.polygons import Loads, Polygons, cut_part, evaluate, facet_family
 from robustopt.limits.systems import SLIPS, TIPS, TWIST, ContactSystem
 
 NO_BASE, NO_TERMS = np.zeros((0, 0, 3)), np.zeros((0, 0, 0))
@@ -75,12 +74,18 @@ class ContactLimit:
         return polygons
 
     def excess(self, u: Array, x: Array, points: Indices) -> Array:
-        """Return the largest excess of the rows of each name, as a fraction of the weight; see `Limit`."""
-        values = evaluate(self.facets, self.loads.at(points), NO_BASE, NO_TERMS, u, x)
+        """Return the largest excess of the rows of each name, as a fraction of `capacity`; see `Limit`."""
+        values = evaluate(facet_family(self.facets, self.loads, self.kinds), points, u, x)
         most = np.full((len(points), len(self.names)), -np.inf)
         for k in range(len(self.names)):
             most[:, k] = values[:, self.kinds == k].max(axis=1, initial=-np.inf)
-        return np.where(self.holds_at(points)[:, None], most, -np.inf)
+        return np.where(self.holds_at(points)[:, None], most * (self.weight / self.capacity), -np.inf)
+
+    @property
+    def capacity(self) -> float:
+        """Return the normal force that the contact has to offer [N]: the forces that press, or else the weight."""
+        pressing = self.loads.nominal[0, 6 * len(self.system.objects) :, :, 2].sum()
+        return float(pressing) if pressing > 0.0 else self.weight
 
     def holds_at(self, points: Indices) -> Flags:
         """Return at which of the grid points (M,) the contact exists, (M,)."""

@@ -11,9 +11,11 @@ from robustopt.arrays import Array
 from robustopt.config import FEET
 from robustopt.path.footsteps import footsteps
 from robustopt.plotting.style import CONTACT_COLOURS, GREY, INK, PALE
-from robustopt.plotting.utilisation import loaded_instants
 from robustopt.solvers.contact_forces import ContactForces
 from robustopt.solvers.plan import Plan
+
+LEAST_LOAD = 0.01
+"""A foot that carries less than this share of its largest force counts as unloaded (our choice)."""
 
 COP_LABEL = "centre of pressure\nof the feet"
 
@@ -84,11 +86,12 @@ def footprints_figure(plan: Plan, forces: ContactForces, title: str) -> Figure:
 
 def _draw_soles(axes: Axes, forces: ContactForces, axis: int) -> None:
     """Shade the extent of each foot along a world axis while it carries a load."""
-    loaded = loaded_instants(forces)
     for name in FEET:
+        force = forces.pressed(name)[:, 2]
+        loaded = force > LEAST_LOAD * force.max()
         extent = forces.points[name][..., axis]
         low, high, colour = extent.min(axis=1), extent.max(axis=1), CONTACT_COLOURS[name]
-        axes.fill_between(forces.t, low, high, where=loaded[name].tolist(), color=colour, alpha=0.16, linewidth=0)
+        axes.fill_between(forces.t, low, high, where=loaded.tolist(), color=colour, alpha=0.16, linewidth=0)
 
 
 def _draw_patch(axes: Axes, points: Array, colour: str, label: str | None) -> None:

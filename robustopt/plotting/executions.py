@@ -10,13 +10,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from robustopt.arrays import Array, Flags
-from robustopt.plotting.style import BLUE, CONTACT_COLOURS, GREY, INK, LIMIT_COLOURS, PALE, VERMILLION, joint_unit
+from robustopt.plotting.style import BLUE, CONTACT_COLOURS, GREY, INK, LIMIT_COLOURS, PALE, joint_unit
 from robustopt.robot import Robot
 from robustopt.simulation.trace import Trace
 from robustopt.solvers.contact_forces import ContactForces
 
 CONTACT_LABELS = (
-    "normal force [N]", "tangential / normal force", "centre of pressure, x [m]", "centre of pressure, y [m]",
+    "normal force [N]", "tangential / normal force [1]", "centre of pressure, x [m]", "centre of pressure, y [m]",
 )  # fmt: skip
 
 MOVEMENTS = {"slip": (1e3, "slip [mm]"), "tilt": (float(np.degrees(1.0)), "tilt [°]")}
@@ -27,6 +27,10 @@ SHOWN = 1.5
 
 FAR = 10.0
 """A threshold this many times larger than every value is left out, so that the values can be seen."""
+
+FAILURE: dict[str, Any] = {"color": INK, "linewidth": 1.2, "linestyle": "--"}
+
+STILL_SHADED = "grey: the robot stands still"
 
 STILL = 1e-3
 """A coordinate with less than this part of the largest acceleration counts as still."""
@@ -59,17 +63,21 @@ def trials_figure(traces: Sequence[Trace], robot: Robot, title: str) -> Figure:
     axes[2, 0].set_ylabel(f"tracking error [{joint_unit('mrad', robot.hinges[robot.motors])}]")
     for row in (0, 2):
         axes[row, -1].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-    figure.suptitle(title, x=0.01, ha="left")
+    figure.suptitle(f"{title}; {STILL_SHADED}", x=0.01, ha="left")
     return figure
 
 
 def _draw_trial(axes: Sequence[Axes], trace: Trace, joints: Sequence[int]) -> None:
     """Draw the column of a trial: slip, tilt, and the tracking error of the given joints."""
     for axis, (kind, (factor, _)) in zip(axes, MOVEMENTS.items(), strict=False):
+        thresholds = {factor * own[kind] for own in trace.thresholds.values() if kind in own}
         for colour, (name, motion) in zip(LIMIT_COLOURS, trace.objects.items(), strict=False):
             axis.plot(trace.t, factor * getattr(motion, kind), color=colour, label=_words(name))
-            if kind in trace.thresholds[name]:
-                axis.axhline(factor * trace.thresholds[name][kind], color=INK, linewidth=0.8)
+        for threshold in thresholds:
+            axis.axhline(threshold, color=INK, linewidth=0.8)
+    axes[0].plot([], [], color=INK, linewidth=0.8, label="threshold of a failure")
+    if trace.outcome.what:
+        axes[0].plot([], [], **FAILURE, label="failure")
     for colour, joint in zip(LIMIT_COLOURS, joints, strict=False):
         name, error = _words(trace.joint_names[joint]), 1e3 * trace.tracking_error[:, joint]
         axes[2].plot(trace.t, error, color=colour, linewidth=1.0, label=name)
@@ -104,9 +112,9 @@ def accelerations_figure(trace: Trace, robot: Robot, title: str) -> Figure:
         _mark(axis, trace)
     axes[-1].set_xlabel("time [s]")
     unit = joint_unit("rad/s²", robot.hinges[moved])
-    axes[0].set_title(f"{'' if trace.contacts else 'joint '}acceleration [{unit}], trial {trace.outcome.trial}")
+    axes[0].set_title(f"acceleration [{unit}], trial {trace.outcome.trial}")
     axes[0].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-    figure.suptitle(title, x=0.01, ha="left")
+    figure.suptitle(f"{title}; {STILL_SHADED}", x=0.01, ha="left")
     return figure
 
 
@@ -130,7 +138,7 @@ def contact_trials_figure(traces: Sequence[Trace], title: str) -> Figure:
     axes[1, -1].plot([], [], color=INK, linewidth=0.8, linestyle=":", label="actual friction")
     for row in (0, 1):
         axes[row, -1].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-    legend = "pale: measured, low-passed; thin: planned; grey: loaded soles, planned"
+    legend = f"pale: measured, low-passed; thin: planned\n{STILL_SHADED}, or loaded soles, planned"
     figure.suptitle(f"{title}; {legend}", x=0.01, ha="left")
     return figure
 
@@ -206,7 +214,7 @@ def _top(traces: Sequence[Trace], kind: str) -> float:
 
 def _heading(trace: Trace) -> str:
     outcome = trace.outcome
-    what = f" {_words(outcome.what)}" if outcome.what else ""
+    what = f" ({_words(outcome.what)})" if outcome.what else ""
     return f"trial {outcome.trial}: {outcome.status.value}{what}"
 
 
@@ -226,4 +234,4 @@ def _mark(axis: Axes, trace: Trace) -> None:
         axis.axvspan(start, end, color=GREY, alpha=0.25, linewidth=0)
     axis.set_xlim(trace.t[0], trace.t[-1])
     if trace.outcome.what:
-        axis.axvline(trace.outcome.time, color=VERMILLION, linewidth=1.2)
+        axis.axvline(trace.outcome.time, **FAILURE)

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from robustopt.certificate import Certificate, interface_utilisation
 from robustopt.config import Config
 from robustopt.plotting.contact_forces import footprints_figure, forces_figure
 from robustopt.plotting.executions import accelerations_figure, contact_trials_figure, trials_figure
@@ -16,7 +15,7 @@ from robustopt.plotting.learning import learning_figure
 from robustopt.plotting.phase_plane import phase_plane
 from robustopt.plotting.shares import shares_figure
 from robustopt.plotting.style import house_style, save
-from robustopt.plotting.utilisation import Utilisation, contacts_figure, environment_utilisation
+from robustopt.plotting.utilisation import contacts_figure
 from robustopt.robot import Robot
 from robustopt.runs.records import Iteration
 from robustopt.simulation.trace import Trace
@@ -25,7 +24,7 @@ from robustopt.solvers.plan import Plan
 from robustopt.solvers.trajectory import binding_shares
 
 
-def write_figures(plan: Plan, config: Config, folder: Path, certificate: Certificate | None = None) -> list[Path]:
+def write_figures(plan: Plan, config: Config, folder: Path) -> list[Path]:
     """Write every figure of a plan as SVG and PNG.
 
     The files depend on the arguments alone: the same plan gives the same bytes.
@@ -34,13 +33,12 @@ def write_figures(plan: Plan, config: Config, folder: Path, certificate: Certifi
         plan: A plan; an empty one has only its phase plane.
         config: The configuration of the plan.
         folder: Where to write; it is made if it is missing.
-        certificate: The certificate of the plan; the figure of the contacts then names their worst utilisation.
 
     Returns:
         The files.
     """
     with house_style():
-        return _write(figures(plan, config, certificate), folder)
+        return _write(figures(plan, config), folder)
 
 
 def write_execution_figures(config: Config, traces: Sequence[Trace], robot: Robot, folder: Path) -> list[Path]:
@@ -81,13 +79,12 @@ def write_learning_figure(records: Sequence[Iteration], target_rate: float, titl
         return _write({"learning": learning_figure(records, target_rate, title)}, folder)
 
 
-def figures(plan: Plan, config: Config, certificate: Certificate | None = None) -> dict[str, Figure]:
+def figures(plan: Plan, config: Config) -> dict[str, Figure]:
     """Draw every figure of a plan; call this within `house_style`.
 
     Args:
         plan: A plan; an empty one has only its phase plane.
         config: The configuration of the plan.
-        certificate: The certificate of the plan; the figure of the contacts then names their worst utilisation.
 
     Returns:
         The figures by file name without suffix.
@@ -100,39 +97,20 @@ def figures(plan: Plan, config: Config, certificate: Certificate | None = None) 
     return {
         "phase_plane": phase_plane(plan, title),
         **{f"joints{number}": figure for number, figure in zip(numbers, joints, strict=True)},
-        **_contact_figures(plan, config, title, certificate),
+        **_contact_figures(plan, title),
         "binding": shares_figure(binding_shares(plan), title),
     }
 
 
-def _contact_figures(plan: Plan, config: Config, title: str, certificate: Certificate | None) -> dict[str, Figure]:
-    """Draw the figures of the contacts that the plan has: with the environment, and between objects."""
+def _contact_figures(plan: Plan, title: str) -> dict[str, Figure]:
+    """Draw the figures of the contacts that the plan has: with the environment, and of all held bodies."""
     drawn: dict[str, Figure] = {}
-    utilisation: dict[str, Utilisation] = {}
-    notes = []
     if plan.problem.robot.contacts:
         forces = planned_forces(plan)
         drawn = {"feet": forces_figure(plan, forces, title), "footprints": footprints_figure(plan, forces, title)}
-        utilisation |= environment_utilisation(plan.problem.limits.uncertainty.worst_friction, forces)
-        notes.append("planned forces at the least friction")
-    if config.objects:
-        times, used = interface_utilisation(config, plan)
-        utilisation |= {_without_prefix(name): Utilisation(times, *pair) for name, pair in used.items()}
-        notes.append("objects at the nominal values")
-    if utilisation:
-        worst = {} if certificate is None else _worst_utilisation(certificate)
-        drawn["contacts"] = contacts_figure(utilisation, ", ".join([title, *notes]), worst)
+    if plan.problem.limits.contacts:
+        drawn["contacts"] = contacts_figure(plan, title)
     return drawn
-
-
-def _worst_utilisation(certificate: Certificate) -> dict[str, float]:
-    """Return the largest utilisation of every limit, a contact under its own name."""
-    worst = {limit: 1.0 - min(margin.on_grid, margin.between) for limit, margin in certificate.margins.items()}
-    return {_without_prefix(limit): value for limit, value in worst.items()}
-
-
-def _without_prefix(limit: str) -> str:
-    return limit.removeprefix("contact of ")
 
 
 def _write(drawn: Mapping[str, Figure], folder: Path) -> list[Path]:

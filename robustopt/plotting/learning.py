@@ -78,7 +78,8 @@ def _successes(axis: Axes, records: Sequence[Iteration]) -> None:
     for i, record in enumerate(records):
         if record.success_low is not None and record.success_high is not None:
             ends = [100 * record.success_low, 100 * record.success_high]
-            axis.plot([i + 1, i + 1], ends, color=GREY, linewidth=3.0, solid_capstyle="butt", zorder=1)
+            label = None if axis.get_legend_handles_labels()[1] else "confidence interval"
+            axis.plot([i + 1, i + 1], ends, color=GREY, linewidth=3.0, solid_capstyle="butt", zorder=1, label=label)
     _mark(axis, records, [100 * rate for rate in _numbers(records, "success_rate")], joined=False)
     axis.set_ylim(-4, 104)
     axis.set_ylabel("fresh successes [%]")

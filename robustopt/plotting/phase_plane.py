@@ -108,7 +108,10 @@ def _draw_conflict(plane: Axes, plan: Plan) -> None:
         )  # fmt: skip
     if plan.stuck >= 0:
         s = plan.problem.s[plan.stuck]
-        plane.axvline(s, color=VERMILLION, linewidth=1.4, linestyle=":", label=f"conflict at s = {s:.3g}")
+        plane.plot(
+            [s, s], [0.0, 1.0], transform=plane.get_xaxis_transform(), color=INK, linewidth=1.4, linestyle=":",
+            marker="v", markevery=[1], clip_on=False, zorder=4, label=f"conflict at s = {s:.3g}",
+        )  # fmt: skip
 
 
 def _widened(mask: Flags) -> Flags:

@@ -86,7 +86,8 @@ def joint_unit(unit: str, hinges: Flags) -> str:
 
 def percent(share: float) -> str:
     """Format a share in [0, 1] as `41 %` or `under 1 %`."""
-    return "under 1 %" if 0 < share < 0.01 else f"{100 * share:.0f} %"
+    rounded = f"{100 * share:.0f} %"
+    return "under 1 %" if share > 0 and rounded == "0 %" else rounded
 
 
 def save(figure: Figure, folder: Path, name: str, formats: Iterable[str] = ("svg", "png")) -> list[Path]:

@@ -1,114 +1,91 @@
-"""Utilisation of the contacts over time: the used part of the friction and of the contact patch."""
+"""Utilisation of the contacts over time: the used part of each limit, with every uncertain quantity at its worst."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import NamedTuple
+from collections.abc import Sequence
+from itertools import cycle
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from robustopt.arrays import Array, Flags
-from robustopt.plotting.style import BLUE, GREEN, INK, ORANGE
-from robustopt.solvers.contact_forces import ContactForces
+from robustopt.arrays import Array, Indices
+from robustopt.plotting.style import DARK_GREY, GREY, INK, limit_colours
+from robustopt.solvers.plan import Plan
+from robustopt.solvers.trajectory import Trajectory, binding_shares
 
-FAR = 2.0
-"""Larger utilisations are drawn here; an object that lifts off has an infinite one."""
-
-LEAST_LOAD = 0.01
-"""A contact that carries less than this share of its largest force counts as unloaded: its friction and its centre of
-pressure mean nothing."""
+DASHES = ("--", ":", "-.")
+"""Line styles of the limits that never bind; the binding ones have the colours of the other figures."""
 
 
-class Utilisation(NamedTuple):
-    """Utilisation of one contact at M instants, 1 at the limit.
+def contact_utilisation(plan: Plan) -> list[dict[str, Array]]:
+    """Return the used part of each contact limit on every interval that has a length: the larger of its two ends.
 
-    Attributes:
-        t: Times, shape (M,), [s].
-        slip: Used part of the friction, shape (M,), [1]; for a bridge, of the balance of all its contacts.
-        tipping: Used part of the contact patch, shape (M,), [1]; not a number for a bridge.
-    """
-
-    t: Array
-    slip: Array
-    tipping: Array
-
-    @property
-    def shared(self) -> bool:
-        """Return whether the contact shares its load with others, so that only their balance is known."""
-        return bool(np.isnan(self.tipping).all())
-
-
-def environment_utilisation(friction: Mapping[str, float], forces: ContactForces) -> dict[str, Utilisation]:
-    """Return the utilisation of each contact with the environment by the planned forces.
-
-    The used part of the friction is |f_t| / (mu f_n). The used part of the patch is the share of the way from its
-    middle to its edge that the centre of pressure has gone, the larger one of x and y. Both are not a number while the
-    contact carries no load.
+    The used part is 1 less the margin of the plan's own rows for the worst values in the intervals, as a fraction of
+    the holding force or, of contacts that only press, of the weight, or of the largest margin at standstill if that is
+    larger (our choice). A limit that binds has 1. Contacts without explicit rows count with those that the solver
+    added, which bound their cone from outside.
 
     Args:
-        friction: Coefficient of friction by contact.
-        forces: The planned contact forces.
+        plan: A plan with a timing.
 
     Returns:
-        The utilisation by contact.
+        For each group of held bodies the used part by the name of the limit, shape (M,), not a number while the contact
+        does not exist.
     """
-    used = {}
-    for name, loaded in loaded_instants(forces).items():
-        force = forces.pressed(name)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            slip = np.hypot(force[:, 0], force[:, 1]) / (friction[name] * force[:, 2])
-            tipping = _way_to_edge(forces, name)
-        used[name] = Utilisation(forces.t, np.where(loaded, slip, np.nan), np.where(loaded, tipping, np.nan))
-    return used
+    ends = _ends(plan)
+    u, x = np.repeat(plan.u[ends[:, 0]], 2), plan.x[ends].ravel()
+    groups: dict[tuple[str, ...], dict[str, Array]] = {}
+    for limit in plan.problem.limits.contacts:
+        group = groups.setdefault(limit.system.objects, {})
+        full = limit.with_all_facets()
+        standing = full.excess(np.zeros_like(u), np.zeros_like(x), ends.ravel())
+        unit = np.maximum(1.0, -standing.min(axis=0, initial=0.0, where=np.isfinite(standing)))
+        excess = full.excess(u, x, ends.ravel()).reshape(*ends.shape, -1).max(axis=1) / unit
+        for name, values in zip(limit.names, excess.T, strict=True):
+            used = np.where(np.isfinite(values), np.maximum(1.0 + values, 0.0), np.nan)
+            if not np.isnan(used).all():
+                group[name] = np.fmax(group.get(name, used), used)
+    return [group for group in groups.values() if group]
 
 
-def loaded_instants(forces: ContactForces) -> dict[str, Flags]:
-    """Return the instants at which each contact carries a load that counts, (M,) by contact."""
-    normal = {name: forces.pressed(name)[:, 2] for name in forces.forces}
-    return {name: force > LEAST_LOAD * force.max() for name, force in normal.items()}
+def _ends(plan: Plan) -> Indices:
+    """Return the grid points at both ends of every interval that has a length, (M, 2)."""
+    return np.flatnonzero(plan.problem.ds > 0)[:, None] + (0, 1)
 
 
-def _way_to_edge(forces: ContactForces, name: str) -> Array:
-    """Return the way of the centre of pressure as a share of the way from the middle of the patch to its edge, (M,)."""
-    axes, points = forces.axes[name], forces.points[name]
-    normal = forces.forces[name] @ axes[:, 2]
-    pressure = (normal[:, :, None] * points).sum(axis=1) / forces.pressed(name)[:, 2:]
-    flat = points @ axes[:, :2]
-    middle, half = flat.mean(axis=1), 0.5 * np.ptp(flat, axis=1)
-    return np.asarray(np.abs((pressure @ axes[:, :2] - middle) / half).max(axis=1))
-
-
-def contacts_figure(
-    utilisation: Mapping[str, Utilisation], title: str, worst: Mapping[str, float] | None = None
-) -> Figure:
-    """Draw the utilisation of each contact over time, one row per contact.
+def contacts_figure(plan: Plan, title: str) -> Figure:
+    """Draw the used part of each contact limit over time, one row per group of held bodies.
 
     Args:
-        utilisation: Utilisation by contact.
+        plan: A plan with a timing, whose problem has contact limits.
         title: The title of the figure.
-        worst: Largest utilisation over all uncertain parameters, by contact; it is named in the heading of the row.
 
     Returns:
         The figure.
     """
-    figure = Figure(figsize=(9, 1.1 + 1.5 * len(utilisation)))
-    rows = figure.subplots(len(utilisation), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
-    for axes, (name, used) in zip(rows, utilisation.items(), strict=True):
+    t, groups = Trajectory.from_plan(plan).times[_ends(plan)].ravel(), contact_utilisation(plan)
+    heights = [max(1.5, 0.3 + 0.2 * len(group)) for group in groups]
+    figure = Figure(figsize=(9, 0.9 + sum(heights)))
+    rows = figure.subplots(len(groups), 1, sharex=True, sharey=True, squeeze=False, height_ratios=heights)[:, 0]
+    colours = limit_colours(binding_shares(plan))
+    for axes, group in zip(rows, groups, strict=True):
         axes.axhline(1.0, color=INK, linewidth=0.8)
-        colour, label = (GREEN, "balance") if used.shared else (BLUE, "slip")
-        axes.plot(used.t, np.minimum(used.slip, FAR), color=colour, label=label)
-        if not used.shared:
-            axes.plot(used.t, np.minimum(used.tipping, FAR), color=ORANGE, label="tipping")
-        case = f", worst case {100 * worst[name]:.1f} %" if worst and name in worst else ""
-        axes.set_title(name.replace("_", " ") + case)
-    curves = np.concatenate([curve for used in utilisation.values() for curve in (used.slip, used.tipping)])
-    rows[0].set_ylim(0, 1.08 * max(1.0, float(np.nanmax(np.minimum(curves, FAR)))))
-    times = next(iter(utilisation.values())).t
-    rows[0].set_xlim(times[0], times[-1])
-    handles = {label: line for axes in rows for line, label in zip(*axes.get_legend_handles_labels(), strict=True)}
-    figure.legend(list(handles.values()), list(handles), loc="outside lower left", ncols=len(handles))
+        _draw(axes, t, group, [colours.get(name, DARK_GREY) for name in group])
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    most = max(np.nanmax(used) for group in groups for used in group.values())
+    rows[0].set_ylim(0.0, 1.08 * max(1.0, float(most)))
+    rows[0].set_xlim(t[0], t[-1])
+    rows[0].yaxis.set_major_formatter(lambda part, _: f"{100 * part:.0f} %")
     rows[-1].set_xlabel("time [s]")
-    figure.supylabel("used part of the limit [1]", fontsize=9)
-    figure.suptitle(title, x=0.01, ha="left")
+    figure.supylabel("used part of the limit", fontsize=9)
+    figure.suptitle(f"{title}, contacts at the worst values in the intervals", x=0.01, ha="left")
     return figure
+
+
+def _draw(axes: Axes, t: Array, group: dict[str, Array], colours: Sequence[str]) -> None:
+    dashes = cycle(DASHES)
+    for colour, (name, used) in zip(colours, group.items(), strict=True):
+        style = next(dashes) if colour in (GREY, DARK_GREY) else "-"
+        label = f"{name}, up to {100 * np.nanmax(used):.1f} %"
+        axes.plot(t, np.repeat(used, 2), color=colour, linestyle=style, label=label)

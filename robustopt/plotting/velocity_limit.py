@@ -39,7 +39,8 @@ def velocity_limits(problem: TimeScalingProblem) -> tuple[Array, Array]:
     least, most = _admissible_x(problem.with_reference(np.full_like(problem.limits.x_max, np.nan)))
     if problem.limits.torque.viscous.any():
         most = _with_exact_viscous_torque(problem, most)
-    return np.sqrt(np.where(np.isnan(most), np.nan, least)), np.sqrt(most)
+    empty = ~(least <= most)
+    return np.sqrt(np.where(empty, np.nan, least)), np.sqrt(np.where(empty, np.nan, most))
 
 
 def _admissible_x(problem: TimeScalingProblem) -> tuple[Array, Array]:
