@@ -68,7 +68,7 @@ class Row(NamedTuple):
     share: float | None = None
 
 
-def headline(data: Summary) -> str:
+def _headline(data: Summary) -> str:
     """Return in one line how a run ended."""
     if data.duration is None:
         return f"{data.name}: {data.status}"
@@ -178,7 +178,7 @@ def _cell(value: Any) -> str:
 
 def print_summary(data: Summary, console: Console, place: Path) -> None:
     """Print the summary of a run and the folder of its files."""
-    console.print(Text(headline(data), style=f"bold {_COLOURS.get(data.status, 'red')}"))
+    console.print(Text(_headline(data), style=f"bold {_COLOURS.get(data.status, 'red')}"))
     console.print(Text(data.message))
     if data.learning and data.learning.rows:
         print_whole(iterations_table(data.learning.rows), console)
@@ -274,7 +274,7 @@ def write_learning_figures(data: Summary, planned: PlanResult | None, folder: Pa
 
 def write_page(data: Summary, folder: Path) -> None:
     """Write the summary of a run and the figures in its folder as one page that needs no other file."""
-    title = escape(headline(data))
+    title = escape(_headline(data))
     iterations = _iterations(data.learning.rows if data.learning else [])
     tables = iterations + "".join(f"<h2>{escape(name)}</h2>\n{_table(lines)}" for name, lines in sections(data))
     paths = [path for pattern in FIGURES for path in sorted((folder / "figures").glob(pattern))]

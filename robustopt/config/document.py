@@ -69,7 +69,7 @@ def show_key(key: Key) -> str:
     return "".join(parts).removeprefix(".")
 
 
-def join_keys(outer: str, inner: str) -> str:
+def _join_keys(outer: str, inner: str) -> str:
     """Return one key path below another."""
     return f"{outer}{'' if not inner or inner.startswith('[') else '.'}{inner}"
 
@@ -116,7 +116,7 @@ class Document:
             return
         key, part = split_key(key_text), read_text(value_text, location, lines=False)
         if part.problems:
-            self.problems += [replace(p, key=join_keys(show_key(key), p.key)) for p in part.problems]
+            self.problems += [replace(p, key=_join_keys(show_key(key), p.key)) for p in part.problems]
         else:
             self.assign(key, part, location)
 

@@ -16,7 +16,7 @@ from robustopt.scene.placement import FACES, half_extents, part_in_hold
 Finding = tuple[Key, str]
 
 
-def check_held(name: str, body: ObjectConfig) -> Iterator[Finding]:
+def _check_held(name: str, body: ObjectConfig) -> Iterator[Finding]:
     """Yield the mistakes in how one object is held."""
     key: Key = ("objects", name)
     if body.held_by is None:
@@ -91,4 +91,4 @@ def _pads(key: Key, body: ObjectConfig, hold: GripConfig) -> Iterator[Finding]:
 def check_all_held(config: Config) -> Iterator[Finding]:
     """Yield the mistakes in how the objects of a configuration are held."""
     for name, body in config.objects.items():
-        yield from check_held(name, body)
+        yield from _check_held(name, body)

@@ -102,7 +102,7 @@ def _unit_cone(polygon: tuple[tuple[float, float], ...], edges: int) -> UnitCone
     _, first = np.unique(np.round(facets / FACET_MERGE), axis=0, return_index=True)
     facets = merge_close(facets[np.sort(first)])
     facets /= -facets[:, 2:3]
-    facets = facets[by_likeness(facets @ about_point(-ABOVE), np.arange(len(facets)))]
+    facets = facets[_by_likeness(facets @ about_point(-ABOVE), np.arange(len(facets)))]
     outside = (facets @ generators).max()
     return None if outside > FACET_TOLERANCE else UnitCone(facets, tipping_rows(facets, generators, edges))
 
@@ -115,7 +115,7 @@ def merge_close(facets: Array) -> Array:
     return np.asarray(facets[new])
 
 
-def by_likeness(facets: Array, indices: Indices) -> Indices:
+def _by_likeness(facets: Array, indices: Indices) -> Indices:
     """Return the indices (k,) in an order in which similar facets (F, d) are neighbours: cut in two, again and again.
 
     Each half but the last has a power of two, so the blocks of 2^k that the polygons bound together are such parts.
@@ -126,7 +126,7 @@ def by_likeness(facets: Array, indices: Indices) -> Indices:
     widest = int(np.argmax(part.max(axis=0) - part.min(axis=0)))
     indices = indices[np.argsort(part[:, widest], kind="stable")]
     half = 1 << (len(indices) - 1).bit_length() - 1
-    return np.concatenate([by_likeness(facets, indices[:half]), by_likeness(facets, indices[half:])])
+    return np.concatenate([_by_likeness(facets, indices[:half]), _by_likeness(facets, indices[half:])])
 
 
 def patch_cone(polygon: Array, edges: int) -> UnitCone | None:

@@ -48,7 +48,7 @@ def contact_limits(
         *object_systems(config, friction, shift, laws),
         *hand_systems(config, track.robot.hands, friction, shift),
     )
-    return *stance_limits(config, track, uncertainty), *carried_limits(config, track, uncertainty, systems)
+    return *_stance_limits(config, track, uncertainty), *carried_limits(config, track, uncertainty, systems)
 
 
 def _require_contacts(config: Config, laws: Mapping[str, ContactLaw]) -> None:
@@ -110,13 +110,13 @@ def _finger(config: Config, name: str) -> Finger | None:
     return Finger(held.tool.finger_mass, pad.origin, pad.axes[:, 2])
 
 
-def stance_limits(config: Config, track: Track, uncertainty: Uncertainty) -> list[ContactLimit]:
+def _stance_limits(config: Config, track: Track, uncertainty: Uncertainty) -> list[ContactLimit]:
     """Return the limit of the environment contacts of each stance."""
     robot, path = track.robot, track.path
     if not path.stances:
         return []
     on_base = _first_rows(track.generalised_force(uncertainty), robot.base)
-    soles = certain_soles(track, uncertainty)
+    soles = _certain_soles(track, uncertainty)
     borders = np.searchsorted(track.s, np.concatenate([[0.0], path.switches, [1.0]])).tolist()
     mass = robot.mass + sum(body.nominal[0] for body in uncertainty.bodies)
     friction, edges = uncertainty.worst_friction, config.contact.cone_edges
@@ -132,7 +132,7 @@ def _first_rows(loads: Loads, count: int) -> Loads:
     return loads._replace(**{name: np.ascontiguousarray(getattr(loads, name)[:, :count]) for name in names})
 
 
-def certain_soles(track: Track, uncertainty: Uncertainty) -> dict[str, Array]:
+def _certain_soles(track: Track, uncertainty: Uncertainty) -> dict[str, Array]:
     """Return the part of each environment contact that is certain, about its centre (k, 2) [m].
 
     Raises:
@@ -157,7 +157,7 @@ def torque_limit(track: Track, uncertainty: Uncertainty, contacts: Sequence[Cont
     stances = tuple(contacts[: len(track.path.stances)])
     return legged_torque(
         track.motion, track.names(LimitKind.TORQUE), robot.limits.torque, robot.chains, robot.base,
-        track.generalised_force(uncertainty), stances, _standing(track, stances), certain_soles(track, uncertainty),
+        track.generalised_force(uncertainty), stances, _standing(track, stances), _certain_soles(track, uncertainty),
         track.x_max,
     )  # fmt: skip
 

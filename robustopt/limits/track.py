@@ -104,7 +104,7 @@ class Track:
     def acceleration(self, error: AccelerationError) -> Array:
         """Return the rows of the joint acceleration limits, (P, 2n, 3)."""
         return self._once(
-            "acceleration", error, lambda: acceleration_rows(self.motion, self.robot.limits, *error.arrays)
+            "acceleration", error, lambda: _acceleration_rows(self.motion, self.robot.limits, *error.arrays)
         )
 
     def outline(self, error: AccelerationError) -> Polygons:
@@ -144,7 +144,7 @@ def build_track(config: Config, robot: Robot, path: Path) -> Track:
     return Track(robot, path, s, piece, rest, motion, *_velocity_bound(q1, robot.limits.velocity))
 
 
-def acceleration_rows(motion: PathMotion, limits: JointLimits, middle: Array, radius: Array) -> Array:
+def _acceleration_rows(motion: PathMotion, limits: JointLimits, middle: Array, radius: Array) -> Array:
     """Return the rows +-(q' u + q'' x + middle) + radius <= limit, divided by the limit, (P, 2n, 3)."""
     rows = np.stack([motion.q1, motion.q2, np.broadcast_to(middle, motion.q1.shape)], axis=2)
     rows = np.concatenate([rows, -rows], axis=1)

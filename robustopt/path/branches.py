@@ -112,11 +112,11 @@ def follow_branches(robot: Robot, path: PosePath, start: Array | None) -> list[B
     starts.sort(key=lambda q: _limit_distances(robot, q[None])[0])
     inside = [q for q in starts if _limit_distances(robot, q[None])[0] <= LIMIT_TOLERANCE]
     sigma = samples(path)
-    branches = [follow_branch(robot, path, sigma, q) for q in (inside or starts)[:MOST_BRANCHES]]
+    branches = [_follow_branch(robot, path, sigma, q) for q in (inside or starts)[:MOST_BRANCHES]]
     return sorted(branches, key=lambda branch: (branch.usable, len(branch.q), branch.score), reverse=True)
 
 
-def follow_branch(robot: Robot, path: PosePath, sigma: Array, start: Array) -> Branch:
+def _follow_branch(robot: Robot, path: PosePath, sigma: Array, start: Array) -> Branch:
     """Follow the branch through `start` (n,) at the first sample over `sigma` (S,)."""
     positions, rotations = path.pose(sigma)
     q = [np.asarray(start, dtype=float)]

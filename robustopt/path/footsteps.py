@@ -44,7 +44,7 @@ class Place:
         return self.position + points @ (self.axes[:, :2] if flat else self.axes).T
 
 
-def on_floor(position: Array) -> Place:
+def _on_floor(position: Array) -> Place:
     """Return the place of a level sole with its middle at `position` (2,) or (3,) [m]."""
     return Place(np.append(position, np.zeros(3 - len(position))), np.eye(3))
 
@@ -134,7 +134,7 @@ class Footsteps:
             before, after = self.places[phase // 2][foot].position[:2], result[foot].position[:2]
             way = t**3 * (10.0 - 15.0 * t + 6.0 * t * t)
             height = self.lift * 64.0 * (t * (1.0 - t)) ** 3
-            result[foot] = on_floor(np.append(before + way * (after - before), height))
+            result[foot] = _on_floor(np.append(before + way * (after - before), height))
         return result
 
 
@@ -149,7 +149,7 @@ def footsteps(config: Config) -> Footsteps:
     swings = tuple(f"{step.foot}_foot" for step in steps)
     rail = config.path.rail
     hand = {rail.contact: Place(np.array(rail.at), contact_axes(rail.normal, rail.along))} if rail else {}
-    places = tuple({name: on_floor(place) for name, place in standing.items()} | hand for standing in feet)
+    places = tuple({name: _on_floor(place) for name, place in standing.items()} | hand for standing in feet)
     return Footsteps(places, swings, _com(feet, swings, config.path.inset), config.path.lift)
 
 

@@ -106,10 +106,10 @@ def spread(robot: Robot, count: int) -> Array:
     """Return joint positions spread over the joint ranges, or over [-pi, pi] if that is smaller, shape (count, n)."""
     narrow = robot.limits.upper - robot.limits.lower < 2 * np.pi
     lower, upper = np.where(narrow, robot.limits.lower, -np.pi), np.where(narrow, robot.limits.upper, np.pi)
-    return np.asarray(lower + (upper - lower) * halton(count, robot.n))
+    return np.asarray(lower + (upper - lower) * _halton(count, robot.n))
 
 
-def halton(count: int, dimensions: int) -> Array:
+def _halton(count: int, dimensions: int) -> Array:
     """Return the first points of the Halton sequence in the unit cube without 0, shape (count, dimensions)."""
     primes = [p for p in range(2, 1000) if all(p % divisor for divisor in range(2, math.isqrt(p) + 1))]
     points = np.zeros((count, dimensions))

@@ -116,7 +116,7 @@ def write_execution_run(result: ExecutionResult, folder: Path, arguments: Sequen
         write_origin(folder, result.config, arguments)
         (folder / PLAN).write_bytes((result.source / PLAN).read_bytes())
     write_executions_csv(result.executions, folder / EXECUTIONS)
-    data = execution_summary(result)
+    data = _execution_summary(result)
     write_record(folder / SUMMARY, data)
     return data
 
@@ -126,7 +126,7 @@ def write_executions_csv(executions: Executions, path: Path) -> None:
     executions.to_frame().to_csv(path, index=False, lineterminator="\n")
 
 
-def execution_summary(result: ExecutionResult) -> Summary:
+def _execution_summary(result: ExecutionResult) -> Summary:
     """Return the summary of executions, on top of the summary of their plan."""
     executions, known = result.executions, result.known
     simulated = min(len(executions.outcomes), 1) if executions.alike else len(executions.outcomes)
@@ -137,7 +137,7 @@ def execution_summary(result: ExecutionResult) -> Summary:
         message=sentence(executions),
         success_rate=executions.success_rate,
         success_interval=executions.interval,
-        executions=executions_record(executions),
+        executions=_executions_record(executions),
         seconds={**known.seconds, "execute": result.seconds},
         steps_per_second=simulated * executions.steps / result.seconds,
     )
@@ -147,7 +147,7 @@ def execution_summary(result: ExecutionResult) -> Summary:
     return known.model_copy(update=update)
 
 
-def executions_record(executions: Executions) -> ExecutionsRecord:
+def _executions_record(executions: Executions) -> ExecutionsRecord:
     """Return the part of a summary about executions."""
     first = min((o for o in executions.outcomes if o.what), key=lambda outcome: outcome.time, default=None)
     feedback = executions.feedback

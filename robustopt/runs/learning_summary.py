@@ -28,7 +28,7 @@ def learning_summary(learned: Learned, planned: PlanResult | None, diverged: boo
         name=learned.config.name,
         status=_status(learned, diverged),
         message=sentence(learned),
-        learning=learning_record(learned),
+        learning=_learning_record(learned),
     )
     if planned is None:
         return own.model_copy(update={"duration": None})
@@ -43,7 +43,7 @@ def _status(learned: Learned, diverged: bool) -> RunStatus:
     return RunStatus.NO_PLAN if learned.state.end is End.NO_PLAN else RunStatus.NO_SUCCESS
 
 
-def learning_record(learned: Learned) -> LearningRecord:
+def _learning_record(learned: Learned) -> LearningRecord:
     """Return the part of a summary about learning."""
     best, returned, end = learned.best, learned.returned, learned.state.end
     assert end is not None

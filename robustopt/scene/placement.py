@@ -157,7 +157,7 @@ def placed(tray: TrayConfig | None, solids: Solids) -> dict[str, Placement]:
 
 
 def _held(name: str, body: ObjectConfig, tool: Frame) -> Placement:
-    frame = held_frame(body, tool)
+    frame = _held_frame(body, tool)
     return Placement(frame.position, frame.rotation, half_height(body), name, frame, np.zeros(3), 0.0)
 
 
@@ -207,7 +207,7 @@ def holding_frame(hold: HoldConfig, tool: Frame) -> Frame:
     return tool @ _pose(hold.pose)
 
 
-def held_frame(body: ObjectConfig, tool: Frame) -> Frame:
+def _held_frame(body: ObjectConfig, tool: Frame) -> Frame:
     """Return the frame of a held object in the carrier frame, given the frame of the tool in it."""
     hold = _hold(body)
     return holding_frame(hold, tool) @ part_in_hold(body)

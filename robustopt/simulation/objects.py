@@ -65,7 +65,7 @@ def add_object(
     body.add_geom(name=PREFIX + name, rgba=(*colour, 1.0), **_shape(shape, 0.0), **PASSIVE)
     for base, turn in _bases(name, shape).items():
         size = _shape(shape, parameters.inset.get(name, 0.0), ROUND_GROWTH)
-        body.add_geom(name=base, quat=yaw_quaternion(turn), rgba=_HIDDEN, **size, **PASSIVE)
+        body.add_geom(name=base, quat=_yaw_quaternion(turn), rgba=_HIDDEN, **size, **PASSIVE)
     if shape.radius is not None:
         wide = _shape(shape, 0.0, ROUND_GROWTH / np.cos(np.pi / ROUND_CORNERS))
         body.add_geom(name=_top(name), rgba=_HIDDEN, **wide, **PASSIVE)
@@ -131,11 +131,11 @@ def standing(config: Config, model: mujoco.MjModel) -> tuple[Standing, ...]:
 def orientation(placement: Placement) -> Array:
     """Return the orientation of an object in the carrier frame, a quaternion (4,)."""
     found = np.zeros(4)
-    mujoco.mju_mulQuat(found, quaternion(placement.frame.rotation), yaw_quaternion(placement.yaw))
+    mujoco.mju_mulQuat(found, quaternion(placement.frame.rotation), _yaw_quaternion(placement.yaw))
     return found
 
 
-def yaw_quaternion(yaw: float) -> Array:
+def _yaw_quaternion(yaw: float) -> Array:
     """Return the quaternion (4,) of a rotation about z [rad]."""
     return np.array([np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)])
 

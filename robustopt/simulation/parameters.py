@@ -49,7 +49,7 @@ class Parameters:
     inset: Mapping[str, float] = field(default_factory=dict)
 
 
-def truth_of(config: Config) -> TruthConfig:
+def _truth_of(config: Config) -> TruthConfig:
     """Return `execution.truth` of a configuration."""
     return config.execution.truth if config.execution is not None else TruthConfig()
 
@@ -82,7 +82,7 @@ def nominal_parameters(config: Config, robot: Robot) -> Parameters:
 
 def _named_bodies(config: Config, robot: Robot) -> list[str]:
     """List the bodies of the robot that `execution.truth` names."""
-    truth = truth_of(config)
+    truth = _truth_of(config)
     given: dict[str, Mapping[str, object]] = {
         "mass": truth.mass, "center_of_mass": truth.center_of_mass, "inertia": truth.inertia,
         "variation.mass": truth.variation.mass, "variation.center_of_mass": truth.variation.center_of_mass,
@@ -100,7 +100,7 @@ def _named_bodies(config: Config, robot: Robot) -> list[str]:
 
 def actual_parameters(nominal: Parameters, config: Config, random: np.random.Generator) -> Parameters:
     """Sample the parameters of one trial."""
-    truth = truth_of(config)
+    truth = _truth_of(config)
     sample, varied = _sampler(truth.variation, random), truth.variation
     friction = {}
     for name, value in nominal.friction.items():

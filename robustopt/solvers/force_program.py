@@ -133,7 +133,7 @@ def overlooked_rows(
     certain = _is_certain(limit.loads)
     explicit = limit.facets[:0], limit.kinds[:0]
     if not certain or limit.system.bounds_twist:
-        explicit = violated_facets(limit, points, u, x)
+        explicit = _violated_facets(limit, points, u, x)
     if limit.system.complete or certain:
         return explicit, 0
     loads, rng = limit.loads.at(points), np.random.default_rng(len(limit.facets))
@@ -153,7 +153,7 @@ def _is_certain(loads: Loads) -> bool:
     return intervals == 0 and bool(np.all(loads.lowest == loads.highest))
 
 
-def violated_facets(limit: ContactLimit, points: Indices, u: Array, x: Array) -> Rows:
+def _violated_facets(limit: ContactLimit, points: Indices, u: Array, x: Array) -> Rows:
     """Return the explicit row of a system that is worst at each point, if it is violated and not known yet.
 
     Arguments as of `missing_rows`.
