@@ -10,6 +10,8 @@ from robustopt.config.section import Distance, Friction, Mass, NonNegative, Poin
 
 
 class VariationConfig(Section):
+    """Random variation of the actual parameters from trial to trial."""
+
     distribution: Literal["normal", "uniform"] = Field(
         default="normal",
         description="distribution of the values of a trial: normal with the deviations below, or uniform and at most "
@@ -32,6 +34,8 @@ class VariationConfig(Section):
 
 
 class TruthConfig(Section):
+    """Actual parameters of the simulated world, unknown to the planner."""
+
     friction: Friction | dict[str, Friction] | None = Field(
         default=None,
         description="actual coefficient of friction, one value, or one by name of a contact or object (`default` for "
@@ -66,6 +70,8 @@ class TruthConfig(Section):
 
 
 class ControllerConfig(Section):
+    """Joint controller of the simulated robot."""
+
     kp: NonNegative | tuple[NonNegative, ...] | None = Field(
         default=None, description="proportional gain, one value or one per joint [N m/rad or N/m]"
     )
@@ -84,6 +90,8 @@ class ControllerConfig(Section):
 
 
 class DisturbanceConfig(Section):
+    """Random disturbances of an execution."""
+
     force_deviation: tuple[NonNegative, NonNegative, NonNegative] = Field(
         default=(0.0, 0.0, 0.0), description="standard deviation of a random force along the world's x, y, z [N]"
     )
@@ -101,6 +109,8 @@ class DisturbanceConfig(Section):
 
 
 class FailureConfig(Section):
+    """Criteria by which a trial fails."""
+
     slip: Positive = Field(
         default=0.005, description="an object has slid when a point of its base has moved this far on its support [m]"
     )
@@ -142,6 +152,8 @@ class FailureConfig(Section):
 
 
 class ExecutionConfig(Section):
+    """Execution of a plan in simulation."""
+
     truth: TruthConfig = Field(
         default=TruthConfig(), description="actual parameters of the simulated world; the planner never reads them"
     )

@@ -17,7 +17,7 @@ Finding = tuple[Key, str]
 
 
 def _check_held(name: str, body: ObjectConfig) -> Iterator[Finding]:
-    """Yield the mistakes in how one object is held."""
+    """Yield the mistakes in the cups or the gripper of one object."""
     key: Key = ("objects", name)
     if body.held_by is None:
         return
@@ -60,7 +60,7 @@ def _cups(key: Key, body: ObjectConfig, hold: SuctionConfig) -> Iterator[Finding
 
 
 def _beyond(body: ObjectConfig, hold: HoldConfig, centre: Array, radius: float) -> float:
-    """Return how far a lip reaches beyond the face that it is on [m]; its centre (3,) is in the part frame."""
+    """Return the distance by which a lip reaches beyond its face [m]; its centre (3,) is given in the part frame."""
     if body.radius is not None:
         return float(np.hypot(*centre[:2])) + radius - body.radius
     _, u, v = FACES[hold.face]
@@ -89,6 +89,10 @@ def _pads(key: Key, body: ObjectConfig, hold: GripConfig) -> Iterator[Finding]:
 
 
 def check_all_held(config: Config) -> Iterator[Finding]:
-    """Yield the mistakes in how the objects of a configuration are held."""
+    """Yield the mistakes in the cups and grippers that hold the objects of a configuration.
+
+    Args:
+        config: the configuration.
+    """
     for name, body in config.objects.items():
         yield from _check_held(name, body)

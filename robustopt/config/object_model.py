@@ -200,6 +200,10 @@ def contact_names(name: str, body: ObjectConfig) -> tuple[str, ...]:
 
     An object on its support, or held by one cup, has one contact, which takes its name. Several cups and the pads of a
     gripper are numbered: `part_cup1`, `part_pad2`. The driven finger has pad 1.
+
+    Args:
+        name: name of the object.
+        body: the object.
     """
     held = body.held_by
     if held is not None and held.grip is not None:
@@ -209,5 +213,9 @@ def contact_names(name: str, body: ObjectConfig) -> tuple[str, ...]:
 
 
 def pad_names(name: str) -> tuple[str, str]:
-    """Return the names of two opposed pads: the driven one (a finger or thumb), then the fixed one."""
+    """Return the names of two opposed pads: the driven one (a finger or thumb), then the fixed one.
+
+    Args:
+        name: name of the held object or of the hand.
+    """
     return f"{name}_pad1", f"{name}_pad2"

@@ -23,7 +23,11 @@ PARALLEL = 1e-3
 
 
 def check_steps(config: Config) -> Iterator[Finding]:
-    """Yield the mistakes in the steps of a walking robot, and in keys that only a path with steps may have."""
+    """Yield the mistakes in the steps of a walking robot, and keys that require path.steps.
+
+    Args:
+        config: the configuration.
+    """
     if config.path.steps is None:
         yield from _without_steps(config)
         return
