@@ -31,16 +31,17 @@ STANDARD_GRAVITY = 9.81
 def contact_limits(
     config: Config, track: Track, uncertainty: Uncertainty, laws: Mapping[str, ContactLaw] | None = None
 ) -> tuple[ContactLimit, ...]:
-    """Return the limits of all contacts: of each stance of a walking robot, of the objects, of several hands.
+    """Return the limits of all contacts: each stance of a walking robot, the objects, and several hands on a tray.
 
     Args:
         config: the configuration.
         track: the track.
         uncertainty: the uncertain quantities.
-        laws: laws of a user, by the name of the contact of an object.
+        laws: contact laws from a user, by the name of the contact of an object.
 
     Raises:
-        ConfigError: a law is for a contact that no object has.
+        ConfigError: a law is given for a contact that no object has, or no part of an environment contact is certain.
+        RobotError: a hand reaches beyond the tray, or its force is too small.
     """
     _require_contacts(config, laws or {})
     friction, shift = uncertainty.worst_friction, dict(uncertainty.contact_points)
@@ -66,14 +67,17 @@ def carried_limits(
 ) -> list[ContactLimit]:
     """Return the limits of the contact systems of everything that a robot carries.
 
-    The moments of each object are about the nominal centre of mass of everything that it carries: interval terms are
-    small there.
+    The moments of each object are taken about the nominal centre of mass of everything that it carries, because
+    interval terms are small there (our choice).
 
     Args:
         config: the configuration.
         track: the track.
         uncertainty: the uncertain quantities.
         systems: the contact systems.
+
+    Raises:
+        RobotError: the internal force between two hands uses up the force of a hand.
     """
     everything = {body.name: body for body in uncertainty.bodies}
     found = []

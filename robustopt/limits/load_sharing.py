@@ -32,7 +32,11 @@ HAND_SHARE = 0.2
 
 
 def willingness(contact: str) -> float:
-    """Return the a_k of the edges of a contact, a foot or a hand."""
+    """Return the willingness a_k of the friction edges of a contact.
+
+    Args:
+        contact: name of a foot or a hand.
+    """
     return 1.0 if contact in FEET else HAND_SHARE
 
 
