@@ -69,7 +69,7 @@ class Row(NamedTuple):
 
 
 def _headline(data: Summary) -> str:
-    """Return in one line how a run ended."""
+    """Return a line that says how a run ended."""
     if data.duration is None:
         return f"{data.name}: {data.status}"
     if data.kind == "learning":
@@ -78,7 +78,11 @@ def _headline(data: Summary) -> str:
 
 
 def sections(data: Summary) -> list[tuple[str, list[Row]]]:
-    """Return the lines of a summary under their headings; sections without a line are left out."""
+    """Return the lines of a summary under their headings; sections without a line are left out.
+
+    Args:
+        data: the summary.
+    """
     parts = [
         ("Learning", _learning(data.learning) if data.learning else []),
         ("Executions", _executions(data.executions) if data.executions else []),
@@ -94,7 +98,11 @@ def sections(data: Summary) -> list[tuple[str, list[Row]]]:
 
 
 def rows(values: Mapping[str, Any]) -> list[Row]:
-    """Return names and values as lines."""
+    """Return names and values as lines.
+
+    Args:
+        values: values by name.
+    """
     return [Row(name.replace("_", " "), _cell(value)) for name, value in values.items() if value is not None]
 
 
@@ -125,7 +133,11 @@ def _errors(values: Sequence[float]) -> str:
 
 
 def certificate_rows(certificate: CertificateRecord) -> list[Row]:
-    """Return the lines of a certificate."""
+    """Return the lines of a certificate.
+
+    Args:
+        certificate: the record of the certificate.
+    """
     worst, margins = certificate.worst, certificate.margins
     effort = f"{certificate.level}: {certificate.samples:,} samples, {certificate.tests:,} tests"
     name, margin = min(margins.items(), key=lambda item: _lowest(item[1].on_grid))
@@ -177,7 +189,13 @@ def _cell(value: Any) -> str:
 
 
 def print_summary(data: Summary, console: Console, place: Path) -> None:
-    """Print the summary of a run and the folder of its files."""
+    """Print the summary of a run and the folder of its files.
+
+    Args:
+        data: the summary.
+        console: console to print on.
+        place: folder of the run.
+    """
     console.print(Text(_headline(data), style=f"bold {_COLOURS.get(data.status, 'red')}"))
     console.print(Text(data.message))
     if data.learning and data.learning.rows:
@@ -189,7 +207,12 @@ def print_summary(data: Summary, console: Console, place: Path) -> None:
 
 
 def print_whole(shown: Table, console: Console) -> None:
-    """Print a table with no cell cut, wider than the terminal if need be."""
+    """Print a table without cutting cells, wider than the terminal if necessary.
+
+    Args:
+        shown: the table.
+        console: console to print on.
+    """
     width, whole = console.width, console.measure(shown, options=console.options.update(width=UNBOUNDED)).maximum
     console.width = max(width, whole)
     try:
@@ -199,7 +222,13 @@ def print_whole(shown: Table, console: Console) -> None:
 
 
 def print_rows(title: str, lines: Sequence[Row], console: Console) -> None:
-    """Print lines under a heading."""
+    """Print lines under a heading.
+
+    Args:
+        title: the heading.
+        lines: the lines.
+        console: console to print on.
+    """
     table = Table.grid(padding=(0, 2))
     for name, value, share in lines:
         bar = Text("█" * round(24 * share), style="cyan") if share is not None else Text()
@@ -209,7 +238,11 @@ def print_rows(title: str, lines: Sequence[Row], console: Console) -> None:
 
 
 def iterations_table(records: Sequence[Iteration]) -> Table:
-    """Return the iterations of a learner as a table, a line per plan."""
+    """Return the iterations of a learner as a table, a line per plan.
+
+    Args:
+        records: the iterations.
+    """
     heads, lines = table(records)
     gap = 1 if len(heads) <= MANY_COLUMNS else 0  # on top of the space that any two columns have between them
     shown = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, gap, 0, 0))
@@ -229,7 +262,14 @@ def iterations_table(records: Sequence[Iteration]) -> Table:
 
 
 def write_figures_and_page(result: PlanResult, data: Summary, folder: Path, figures: bool = True) -> None:
-    """Draw the figures of a run into its folder and write its page."""
+    """Draw the figures of a run into its folder and write its page.
+
+    Args:
+        result: the plan and its certificate.
+        data: the summary of the run.
+        folder: folder of the run.
+        figures: whether to draw figures.
+    """
     if figures:
         from robustopt.plotting import write_figures
 
@@ -238,7 +278,14 @@ def write_figures_and_page(result: PlanResult, data: Summary, folder: Path, figu
 
 
 def write_execution_figures(result: ExecutionResult, folder: Path, figures: bool, video: bool) -> None:
-    """Draw and film the first trial that succeeded beside the first that failed, or the only one there is."""
+    """Draw and film the first trial that succeeded beside the first one that failed, or the only one there is.
+
+    Args:
+        result: the plan and its executions.
+        folder: folder of the run.
+        figures: whether to draw figures.
+        video: whether to write a film.
+    """
     if not (figures or video):
         return
     from robustopt.plotting import write_execution_figures as write
@@ -261,7 +308,13 @@ def write_execution_figures(result: ExecutionResult, folder: Path, figures: bool
 
 
 def write_learning_figures(data: Summary, planned: PlanResult | None, folder: Path) -> None:
-    """Draw the iterations of a learner, and its best plan as `plan` draws it."""
+    """Draw the iterations of a learner, and its best plan as `plan` draws it.
+
+    Args:
+        data: the summary of the run.
+        planned: the best plan; None without one.
+        folder: folder of the run.
+    """
     from robustopt.plotting import write_figures, write_learning_figure
 
     learning = data.learning
@@ -273,7 +326,12 @@ def write_learning_figures(data: Summary, planned: PlanResult | None, folder: Pa
 
 
 def write_page(data: Summary, folder: Path) -> None:
-    """Write the summary of a run and the figures in its folder as one page that needs no other file."""
+    """Write the summary of a run and the figures in its folder as one page that needs no other file.
+
+    Args:
+        data: the summary of the run.
+        folder: folder of the run.
+    """
     title = escape(_headline(data))
     iterations = _iterations(data.learning.rows if data.learning else [])
     tables = iterations + "".join(f"<h2>{escape(name)}</h2>\n{_table(lines)}" for name, lines in sections(data))

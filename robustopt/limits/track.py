@@ -31,7 +31,7 @@ from robustopt.robot import JointLimits, Robot
 Value = TypeVar("Value")
 
 LEAST_RATE = 1e-3
-"""If q' vanishes at a grid point, sd and sdd are bounded as if q' had this fraction of its largest value there, far beyond
+"""If q' vanishes at a grid point, sd and sdd are bounded as if q' had this fraction of its largest value, far beyond
 the values that other grid points and the curvature q'' allow."""
 
 MOST_KEPT = 16

@@ -61,10 +61,10 @@ class Branch:
     """A joint path, as far as it could be followed.
 
     Attributes:
-        sigma: samples of the carrier's path, (S,) [m].
-        q: joint positions at the followed samples, (S, n) or fewer.
-        ended_at: sigma at which it could not be followed further [m], None if it is complete.
-        violation: largest distance beyond a joint limit [rad or m], negative inside.
+        sigma: samples of the carrier's path (S,) [m].
+        q: joint positions at the followed samples (S, n) or fewer [rad or m].
+        ended_at: sigma at which the branch could not be followed further [m]; None if it is complete.
+        violation: largest distance beyond a joint limit [rad or m]; negative inside.
         score: rank among the branches; larger is better.
     """
 
@@ -81,7 +81,11 @@ class Branch:
 
 
 def samples(path: PosePath) -> Array:
-    """Return sigma of the poses along which branches are followed, equally spaced within each piece."""
+    """Return sigma of the poses at which branches are followed, equally spaced within each piece, (S,) [m].
+
+    Args:
+        path: path of the carrier.
+    """
     pieces = [
         np.linspace(start, end, int(np.clip(np.ceil((end - start) / SPACING), FEWEST_SAMPLES, MOST_SAMPLES)) + 1)
         for start, end in zip(path.breaks[:-1], path.breaks[1:], strict=True)
@@ -140,10 +144,16 @@ def _follow_branch(robot: Robot, path: PosePath, sigma: Array, start: Array) -> 
 
 
 def fit_branch(robot: Robot, path: PosePath, branch: Branch, tolerance: PathTolerance) -> list[BSpline]:
-    """Fit splines q(s), s = sigma / length, one for each piece, that follow the carrier's path within `tolerance`.
+    """Fit splines q(s), s = sigma / length, one for each piece, to a branch.
+
+    Args:
+        robot: the arm.
+        path: path of the carrier.
+        branch: the branch, complete.
+        tolerance: largest distance and angle between the carrier and its path.
 
     Raises:
-        BranchLostError: if a piece takes more than `MOST_SAMPLES`, or the inverse kinematics leaves the branch
+        BranchLostError: a piece needs more than `MOST_SAMPLES`, or the inverse kinematics leaves the branch.
     """
     pieces = []
     for start, end in zip(path.breaks[:-1], path.breaks[1:], strict=True):

@@ -69,7 +69,11 @@ class CollisionCheck:
         self._ignored |= overlapping
 
     def first(self, q: Array) -> Collision | None:
-        """Return the first collision at the coordinates `q` (P, n), or None."""
+        """Return the first collision along a path, or None.
+
+        Args:
+            q: coordinates along the path (P, n) [rad or m].
+        """
         for index, qi in enumerate(q):
             overlaps = self._overlaps(qi)
             if overlaps:

@@ -1,7 +1,7 @@
-"""Interfaces of the simulated world: contacts, and the floating base, whose motion decides about a trial.
+"""Interfaces of the simulated world: contacts and the floating base, whose motion decides whether a trial succeeds.
 
-Each interface turns the record of a trial into the movement of an object, a contact of the robot or its base against
-the planned place, and knows the ways to fail.
+Each interface turns the record of a trial into the movement of an object, a contact of the robot or its base relative
+to the plan, and knows the ways to fail.
 """
 
 from __future__ import annotations
@@ -25,31 +25,45 @@ TOUCHING = 1e-3
 level."""
 
 LANDING = 0.15
-"""Part of a phase for which a foot that has landed may still move: it carries next to nothing (our choice)."""
+"""Fraction of a phase in which a landed foot may still move, because it carries almost no load (our choice)."""
 
 LEAST_FORCE = 1e-6
 """A normal force below this counts as none [N]."""
 
 STEEP = 1e-6
-"""Keeps the rates of the angles finite if a falling robot lies on its face."""
+"""Smallest cosine of the pitch; it keeps the rates of the angles finite if a falling robot lies on its face."""
 
 
 class Interface(Protocol):
-    """A contact, or the floating base; `name`: of the object, environment contact or body that it is judged with."""
+    """A contact or the floating base, whose motion decides whether a trial succeeds."""
 
     @property
     def name(self) -> str:
-        """Return that name."""
+        """Return the name of the object, environment contact or body that it is judged with."""
 
     def motion(self, planned: Reference, record: Record, i: int) -> Motion:
-        """Return the movement in the trial with index i of a record."""
+        """Return the movement in a trial.
+
+        Args:
+            planned: reference of the controllers.
+            record: record of a chunk of trials.
+            i: index of the trial in the record.
+        """
 
     def criteria(self, failure: FailureConfig) -> tuple[Criterion, ...]:
-        """Return the ways to fail; of two in the same step the first counts."""
+        """Return the ways to fail; if two occur in the same time step, the first one counts.
+
+        Args:
+            failure: limits of the movements.
+        """
 
 
 def combined(motions: Sequence[Motion]) -> Motion:
-    """Return the movement of an object on several supports: the furthest from its place on any, the lift off all."""
+    """Return the movement of an object on several supports: the largest on any of them, but the smallest lift.
+
+    Args:
+        motions: movement on each support.
+    """
     slip, tilt, drop = (np.max([getattr(m, kind) for m in motions], axis=0) for kind in ("slip", "tilt", "drop"))
     return Motion(slip, tilt, drop, np.min([m.lift for m in motions], axis=0))
 
@@ -150,7 +164,12 @@ class Stand:
 
 
 def stands(stances: Sequence[Stance], name: str) -> tuple[Stand, ...]:
-    """Return the times at which a contact rests: a foot from a little after it has landed until it lifts."""
+    """Return the times at which a contact rests; a foot rests from a little after it has landed until it lifts.
+
+    Args:
+        stances: stances of the path in their order.
+        name: name of the contact.
+    """
     found: list[Stand] = []
     before = False
     for stance in stances:
@@ -216,7 +235,13 @@ class Grounded:
         return Motion(slip, np.where(standing, tilt, 0.0), none, np.where(standing, lowest, 0.0))
 
     def measured(self, record: Record, i: int, timestep: float) -> MeasuredContact:
-        """Return the force of the floor or rail on the contact in the trial with index i."""
+        """Return the force of the floor or rail on the contact in a trial.
+
+        Args:
+            record: record of a chunk of trials.
+            i: index of the trial in the record.
+            timestep: time step [s].
+        """
         wrench, place = record.sensors[i][:, self.sensor + 7 : self.sensor + 16].copy(), self.stands[0].place
         force, moment, point = np.split(wrench, 3, axis=1)
         # The sensor measures the force of the contact on the floor or the rail.
@@ -252,14 +277,24 @@ class Trunk:
 
 
 def base_rates(record: Record, i: int) -> Array:
-    """Return the rates of the coordinates of a floating base, before each step and after the last, (N + 1, 6)."""
+    """Return the rates of the coordinates of a floating base, before each step and after the last, (N + 1, 6).
+
+    Args:
+        record: record of a chunk of trials.
+        i: index of the trial in the record.
+    """
     qpos = np.vstack([record.start_qpos[i, :7], record.qpos[i, :, :7]])
     qvel = np.vstack([record.start_qvel[i, :6], record.qvel[i, :, :6]])
     return np.column_stack([qvel[:, :3], turning(qpos[:, 3:], qvel[:, 3:])])
 
 
 def turning(quaternions: Array, spin: Array) -> Array:
-    """Return the rates of the angles about z, y and x (N, 3) [rad/s] for a spin in body axes (N, 3) [rad/s]."""
+    """Return the rates of the angles about z, y and x, (N, 3) [rad/s].
+
+    Args:
+        quaternions: orientation of the body (N, 4).
+        spin: angular velocity in the axes of the body (N, 3) [rad/s].
+    """
     w, x, y, z = quaternions.T
     roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
     pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))

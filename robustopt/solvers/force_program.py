@@ -64,7 +64,14 @@ class ForceProgram:
         self.parts, self.transform = system.parts, system.transform
 
     def solve(self, wrench: Array) -> tuple[float, Array]:
-        """Return t and the dual row y (d,) with y w = t for a wrench w (d,), as a fraction of the weight."""
+        """Solve the program for a wrench.
+
+        Args:
+            wrench: required wrench (d,) [N, N m].
+
+        Returns:
+            The missing part t as a fraction of the weight, and the dual row y (d,) with y w = t.
+        """
         supplied = wrench if self.transform is None else self.transform @ wrench
         right = supplied * self.scale
         for _ in range(TWIST_ROUNDS):
@@ -101,11 +108,11 @@ def missing_rows(
 ) -> tuple[Rows, float, int]:
     """Return the rows that a timing violates for some uncertain quantity, the worst violation, and programs solved.
 
-    The rows that the limit is held to say which uncertain quantities are worst to begin with.
+    The program is first solved for the uncertain quantities that are worst for the rows that are already imposed.
 
     Args:
         limit: the limit.
-        program: its program.
+        program: the force program of its system.
         points: grid points (M,).
         u: sdd (M,).
         x: sd^2 (M,).
@@ -122,13 +129,19 @@ def missing_rows(
 def overlooked_rows(
     limit: ContactLimit, program: ForceProgram, points: Indices, u: Array, x: Array
 ) -> tuple[Rows, int]:
-    """Return the rows that `missing_rows` has not found though a timing violates them, and programs solved.
+    """Return the violated rows that `missing_rows` has not found, and the number of programs solved.
 
-    A dual and the parameters that are worst for it can agree with each other while another dual, for other parameters,
-    is violated. If all rows of the cone are explicit, all are evaluated, so that nothing is overlooked. Otherwise
-    programs are solved for other corners of the box of the parameters, the worst ones for random directions. That is no
-    proof, but of 180 tasks with wide intervals none kept a violation above 1e-6 of the weight. Arguments as of
-    `missing_rows`.
+    A dual and its worst parameters can agree with each other while another dual, for other parameters, is violated. If
+    all rows of the cone are explicit, all are evaluated, so that none is overlooked. Otherwise programs are solved for
+    other corners of the box of the parameters, the worst ones for random directions. That is no proof, but none of 180
+    tasks with wide intervals kept a violation above 1e-6 of the weight (our choice).
+
+    Args:
+        limit: the limit.
+        program: the force program of its system.
+        points: grid points (M,).
+        u: sdd (M,).
+        x: sd^2 (M,).
     """
     certain = _is_certain(limit.loads)
     explicit = limit.facets[:0], limit.kinds[:0]
@@ -154,10 +167,7 @@ def _is_certain(loads: Loads) -> bool:
 
 
 def _violated_facets(limit: ContactLimit, points: Indices, u: Array, x: Array) -> Rows:
-    """Return the explicit row of a system that is worst at each point, if it is violated and not known yet.
-
-    Arguments as of `missing_rows`.
-    """
+    """Return the explicit row of a system that is worst at each point, if it is violated and not known yet."""
     facets = limit.system.facets / limit.weight
     if not len(facets):
         return limit.facets[:0], limit.kinds[:0]
