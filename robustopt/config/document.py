@@ -203,7 +203,7 @@ def _require_place(container: Any, key: Key, part: str | int) -> None:
             message = f"found position {part}; expected 0 to {len(container) - 1}, the entries of {above}"
             raise ConfigError(message, key=show_key(key))
     else:
-        message = f"{above} is {_short(container)}, which has no parts; replace it as a whole: {above}={{{part}: ...}}"
+        message = f"{above} is {_short(container)}, which has no keys; replace it as a whole: {above}={{{part}: ...}}"
         raise ConfigError(message, key=show_key(key))
 
 

@@ -72,7 +72,10 @@ def _pads(key: Key, body: ObjectConfig, hold: GripConfig) -> Iterator[Finding]:
     part = part_in_hold(body)
     closing = part.rotation.T @ np.eye(3)[0 if hold.axis == "x" else 1]
     if np.abs(closing).max() < 1.0 - RESOLUTION:
-        yield (*key, "yaw"), f"found {hold.yaw:g} rad, with no flat face at the pads; expected a multiple of pi / 2"
+        yield (
+            (*key, "yaw"),
+            f"found {hold.yaw:g} rad, which leaves no flat face at the pads; expected a multiple of pi / 2",
+        )
         return
     extents, centre = half_extents(body), part.rotation.T @ -part.position
     across = part.rotation.T @ np.eye(3)[1 if hold.axis == "x" else 0]

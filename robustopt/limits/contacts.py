@@ -58,7 +58,7 @@ def _require_contacts(config: Config, laws: Mapping[str, ContactLaw]) -> None:
         if name not in names:
             known = ", ".join(names)
             raise ConfigError(
-                f"a law is given for {name}, which is no contact of an object; expected {known}", "objects"
+                f"found a law for {name}, which is no contact of an object; expected one of {known}", "objects"
             )
 
 

@@ -56,7 +56,7 @@ def _require_on_tray(hand: Hand, hold: HandsConfig, size: Array) -> None:
         x, y = hand.point[:2]
         raise RobotError(
             f"{hand.name}, at [{x:.3f}, {y:.3f}] m on the tray, reaches {1000 * beyond.max():.3g} mm beyond its edge; "
-            "give a larger tray, smaller pads, or another robot.posture",
+            "expected a larger tray, smaller pads, or another robot.posture",
             key="tray.hands.pad",
         )
 

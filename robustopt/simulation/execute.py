@@ -210,7 +210,7 @@ def _require_usable(trajectory: Trajectory, execution: ExecutionConfig) -> None:
     for name in ("s", "sd", "times"):
         wrong = np.flatnonzero(~np.isfinite(getattr(trajectory, name)))
         if wrong.size:
-            raise SimulationFailed(f"The plan cannot be run: it is not a finite number at grid point {wrong[0]}.")
+            raise SimulationFailed(f"The plan cannot be executed: it is not a finite number at grid point {wrong[0]}.")
     if execution.timestep > LONGEST_STEP * trajectory.duration:
         raise ConfigError(
             f"found {execution.timestep:g} s; expected less than a tenth of the motion, which takes "

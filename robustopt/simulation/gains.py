@@ -231,15 +231,15 @@ def require_stable(model: mujoco.MjModel, layout: JointLayout, gains: Gains, nam
 def _refuse(names: tuple[str, ...], worst: Array, growing: Array, gains: Gains, h: float) -> None:
     if worst.max() >= 1:
         raise ConfigError(
-            f"found {h:g} s; the controller of {names[int(np.argmax(worst))]} is unstable with so long a time step: "
+            f"found {h:g} s, but the controller of {names[int(np.argmax(worst))]} is unstable with this time step; "
             "expected a shorter one, or smaller gains in execution.controller",
             key="execution.timestep",
         )
     if growing.any():
         joint = int(np.argmax(growing))
         raise ConfigError(
-            f"found {gains.ki[joint]:g}; the controller of {names[joint]} is unstable with so large an integral gain: "
-            "expected well below kp kd / inertia of the joint",
+            f"found {gains.ki[joint]:g}, but the controller of {names[joint]} is unstable with this integral gain; "
+            "expected a gain well below kp kd / inertia of the joint",
             key="execution.controller.ki",
         )
 

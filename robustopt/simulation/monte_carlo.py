@@ -305,4 +305,4 @@ def _on_cluster(job: Job, chunks: Sequence[Sequence[int]], scheduler: str) -> Ge
                 lambda chunk: client.submit(run_trials, job, chunk, 1, pure=False).result, chunks, ahead
             )
         except KilledWorker as error:
-            raise SimulationFailed(f"Workers of the Dask cluster died again and again: {error}") from error
+            raise SimulationFailed(f"Workers of the Dask cluster died repeatedly: {error}") from error
