@@ -1,4 +1,4 @@
-"""YAML with the place of every value, and `key=value` overrides on top of it.
+"""YAML with the location of every value, and `key=value` overrides of its values.
 
 A configuration needs only mappings with plain keys, lists, text, numbers, true, false and null. Unlike YAML 1.1, `on`
 and `yes` are text and `1e-3` is a number.
@@ -25,7 +25,7 @@ Key = tuple[str | int, ...]
 """Path to a value: names of keys and positions in lists."""
 
 MOST_VALUES = 200_000
-"""A document with more values is refused: aliases of aliases can make a small file grow without bound."""
+"""Largest number of values in a document: aliases of aliases can make a small file grow without bound."""
 
 _TAG = "tag:yaml.org,2002:"
 

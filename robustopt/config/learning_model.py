@@ -27,7 +27,7 @@ class FirstBelief(Section):
 
 
 class LearningConfig(Section):
-    """The settings of a learner."""
+    """Settings of a learner."""
 
     algorithm: Literal[
         "bisection",

@@ -1,4 +1,4 @@
-"""Reads configurations from files, text and mappings, changes them, and writes them back."""
+"""Read configurations from files, text and mappings, change them, and write them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from robustopt.errors import ConfigError
 from robustopt.models import MODELS
 
 Source = str | Path | Mapping[str, Any]
-"""A file, YAML text, or the values themselves."""
+"""Path of a file, YAML text, or a mapping with the values."""
 
 
 def load_config(source: Source, overrides: Sequence[str] = (), folder: str | Path | None = None) -> Config:

@@ -1,7 +1,7 @@
 """Models of the configuration: meaning, unit, default and bounds of each key.
 
 Units are SI, angles are radians. The reference page and the JSON Schema are generated from the descriptions here. The
-module `check` holds the relations between keys.
+module `check` checks the relations between keys.
 """
 
 from __future__ import annotations

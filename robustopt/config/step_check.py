@@ -16,10 +16,10 @@ from robustopt.geometry import RESOLUTION, common_direction
 Finding = tuple[Key, str]
 
 POINTS_PER_PHASE = 8
-"""Least number of grid intervals per phase of a path with steps; lifts and landings of feet are grid points."""
+"""Smallest number of grid intervals per phase of a path with steps, in which feet lift and land at grid points."""
 
 PARALLEL = 1e-3
-"""Sine of the angle between two directions below which they count as the same (our choice)."""
+"""Sine of the angle between two directions below which they count as parallel (our choice)."""
 
 
 def check_steps(config: Config) -> Iterator[Finding]:

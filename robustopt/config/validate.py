@@ -1,4 +1,4 @@
-"""Conversion of plain values to a `Config`, with all mistakes of a document at once, in words."""
+"""Conversion of plain values to a `Config`, which reports all mistakes of a document at once, in words."""
 
 from __future__ import annotations
 

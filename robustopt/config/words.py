@@ -1,4 +1,4 @@
-"""Types and values of the configuration in words, for error messages and the reference page."""
+"""Descriptions of the types and values of the configuration, for error messages and the reference page."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ from robustopt.limits.wrenches import Finger, with_forces
 from robustopt.scene.patches import Law, patches
 
 STANDARD_GRAVITY = 9.81
-"""Gravity of the weights that scale contact rows, whatever the configured gravity [m/s^2]."""
+"""Gravity for the weights that scale contact rows, independent of the configured gravity [m/s^2]."""
 
 
 def contact_limits(

@@ -32,17 +32,17 @@ MOST_SAMPLES = 4096
 SPLINE_DEGREE = 5
 """Degree of the splines through the samples, so that their second derivatives are smooth."""
 NEAR = 0.05
-"""Farthest that a solution may lie from the spline that foretells it [rad or m], to be on the same branch for sure."""
+"""Largest distance of a solution from the spline that predicts it [rad or m]; closer ones are on the same branch."""
 SHORTEST_STEP = 0.0005
 """Steps are halved down to this length before the branch counts as ended [m of sigma]."""
 LIMIT_TOLERANCE = 1e-6
-"""How far a joint may be beyond its limit [rad or m]: a pose on the limit is allowed."""
+"""Largest distance of a joint beyond its limit that is allowed [rad or m], so that a pose may lie on the limit."""
 MOST_BRANCHES = 16
 """Most branches that are followed: all of an arm of six joints."""
 CLEARANCE_WEIGHT = 0.2
 """Height of the arm's centre of mass that outweighs being at a joint limit instead of mid-range [m]."""
 FOLLOWING_ITERATIONS = 8
-"""Iterations from one pose to the next: from so near, convergence is quadratic or not to be had."""
+"""Iterations from one pose to the next: from so near, convergence is either quadratic or fails."""
 RETURN = 0.02
 """Share by which a redundant arm drifts back to its first posture at every sample, so that it does not wander."""
 

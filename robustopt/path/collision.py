@@ -31,7 +31,7 @@ PREFIX = "robustopt_"
 RAIL = f"{PREFIX}rail"
 """Name of a rail among the geoms of a model."""
 EVERYTHING = 0x7FFFFFFF
-"""Collision bits of the tray and the objects: they collide with whatever of the robot collides at all."""
+"""Collision bits of the tray and the objects: they collide with every part of the robot that collides at all."""
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from robustopt.geometry import contact_axes
 
 ENTRY, EXIT = -0.02, 0.03
 """Offset of the centre of mass from the middle of the standing foot along the direction of travel, when the other lifts
-and when it lands [m]: the robot falls forward meanwhile."""
+and when it lands [m]: the robot falls forward in between."""
 
 SLACK = 1.0 / 3.0
 """Part of `path.inset` that is left halfway through a swing: a straight line past the standing foot would have to be

@@ -2,7 +2,7 @@
 
 All poses are in the carrier frame, which is rigid to the tool: the frame of the tray if there is one, else the frame of
 the tool. An object that the tool holds is the *root* of all objects that stand on it, as the tray is for the others.
-They stand upright on their root: along its z axis, with a yaw about it.
+They stand upright on their root: their z axes are parallel to that of the root, and they may have a yaw about it.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ FACES: dict[str, tuple[Array, Array, Array]] = {
     "left": (Y, Z, X),
     "right": (-Y, Z, X),
 }
-"""Outward normal of each face of a part, and the two axes along which `at` counts, part frame."""
+"""Outward normal of each face of a part, and the two axes along which `at` is measured, part frame."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -75,9 +75,14 @@ def combined(motions: Sequence[Motion]) -> Motion:
 class Standing:
     """An object on a support.
 
-    sensor: index of its pose in the frame of the support in the sensor data; position: planned centre in that frame
-    (3,) [m]; yaw: planned there [rad]; corners: points of its base whose movement is slip, from the object's centre
-    (k, 3) [m]; radius: of a round base [m]; top: height of the support's upper face above its centre [m]
+    Attributes:
+        name: name of the object.
+        sensor: index in the sensor data of the object's pose in the frame of the support.
+        position: planned centre in that frame (3,) [m].
+        yaw: planned yaw in that frame [rad].
+        corners: points of the base whose movement is slip, from the centre of the object (k, 3) [m].
+        radius: radius of a round base [m], None for another shape.
+        top: height of the support's upper face above the centre of the support [m].
     """
 
     name: str
@@ -96,7 +101,7 @@ class Standing:
         )  # fmt: skip
 
     def motion(self, planned: Reference, record: Record, i: int) -> Motion:
-        """Return the movement against the support."""
+        """Return the movement relative to the support."""
         x, y, z, *turn = np.ascontiguousarray(record.sensors[i][:, self.sensor : self.sensor + 7].T)
         (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = _rotation(*turn)
         cosine, sine = np.cos(self.yaw), np.sin(self.yaw)
@@ -115,11 +120,16 @@ class Standing:
 
 @dataclass(frozen=True)
 class Held:
-    """A part that cups or pads hold; all in the carrier frame.
+    """A part that cups or pads hold; all quantities are in the carrier frame.
 
-    sensor: index of its pose in the sensor data; position: planned centre (3,) [m]; rotation: planned axes as columns
-    (3, 3); points: of its lips and pads (k, 3) [m]; normals: of these points, from the tool into the part (k, 3);
-    rigid: points that can open, because the driven finger follows its part (k,)
+    Attributes:
+        name: name of the part, or of the hand that holds the tray.
+        sensor: index of the part's pose in the sensor data.
+        position: planned centre of the part (3,) [m].
+        rotation: planned axes of the part as columns (3, 3).
+        points: contact points of its lips and pads (k, 3) [m].
+        normals: normals at these points, from the tool into the part (k, 3).
+        rigid: whether the contact can open at a point (k,); the driven finger follows the part.
     """
 
     name: str
@@ -138,7 +148,7 @@ class Held:
         )
 
     def motion(self, planned: Reference, record: Record, i: int) -> Motion:
-        """Return the movement against the tool; `lift` is the largest opening of a lip or the fixed pad."""
+        """Return the movement relative to the tool; `lift` is the largest opening of a lip or of the fixed pad."""
         pose = record.sensors[i][:, self.sensor : self.sensor + 7]
         turned = _rotations(pose[:, 3:]) @ self.rotation.T
         arms = self.points - self.position
@@ -156,7 +166,13 @@ class Held:
 
 @dataclass(frozen=True)
 class Stand:
-    """A time in which a contact rests in one place: from `begin` to `end` in s, or to the end of the trial."""
+    """A time in which a contact rests in one place.
+
+    Attributes:
+        begin: s at the begin.
+        end: s at the end; at the end of the path it lasts to the end of the trial.
+        place: the place.
+    """
 
     begin: float
     end: float
@@ -185,10 +201,12 @@ def stands(stances: Sequence[Stance], name: str) -> tuple[Stand, ...]:
 
 @dataclass(frozen=True)
 class MeasuredContact:
-    """Force on a foot from the floor, or on a hand from its rail, at the start of each step; low-passed.
+    """Force of the floor on a foot, or of a rail on a hand, at the start of each step; low-passed.
 
-    force: in the axes of the contact, the normal force last (N, 3) [N]; center_of_pressure: place in the plane of the
-    contact at which it acts, x and y in the world (N, 2) [m], nan without a force
+    Attributes:
+        force: force in the axes of the contact, the normal force last (N, 3) [N].
+        center_of_pressure: point in the plane of the contact at which it acts, x and y in the world (N, 2) [m]; nan
+            without a force.
     """
 
     force: Array
@@ -199,9 +217,13 @@ class MeasuredContact:
 class Grounded:
     """A foot on the floor or a hand on a rail.
 
-    sensor: index in the sensor data of the pose of its site (3 + 4), then of force, moment and place of its force on
-    the floor or the rail (3 + 3 + 3), world; points: contact points in the frame of its site (k, 3) [m]; stands: times
-    at which it rests; leaves: whether it fails by rising off its support, as a hand does
+    Attributes:
+        name: name of the contact.
+        sensor: index in the sensor data of the pose of its site (3 + 4); force, moment and point of its force on the
+            floor or rail follow, world frame (3 + 3 + 3).
+        points: contact points in the frame of the site (k, 3) [m].
+        stands: times at which the contact rests.
+        leaves: whether it fails by rising off its support, as a hand does.
     """
 
     name: str
@@ -216,7 +238,7 @@ class Grounded:
         return (*slips, Criterion(Status.LOST_CONTACT, "lift", failure.hand_lift)) if self.leaves else slips
 
     def motion(self, planned: Reference, record: Record, i: int) -> Motion:
-        """Return the movement while the contact rests, of its points that touch; 0 while it does not rest."""
+        """Return the movement of the points that touch while the contact rests; 0 while it does not rest."""
         s, place = planned.s, self.stands[0].place
         poses = record.sensors[i][:, self.sensor : self.sensor + 7]
         rotations = place.axes.T @ _rotations(poses[:, 3:])
@@ -254,9 +276,11 @@ class Grounded:
 
 @dataclass(frozen=True)
 class Trunk:
-    """The floating base of a walking robot: the robot has fallen if it is too far from upright or too low.
+    """The floating base of a walking robot; the robot has fallen if the base is too far from upright or too low.
 
-    name: name of its body; height: its planned height at rest [m].
+    Attributes:
+        name: name of the body of the base.
+        height: planned height of the base at rest [m].
     """
 
     name: str
@@ -268,7 +292,7 @@ class Trunk:
         return Criterion(Status.FELL, "tilt", failure.trunk_tilt), Criterion(Status.FELL, "drop", drop)
 
     def motion(self, planned: Reference, record: Record, i: int) -> Motion:
-        """Return the movement against the plan."""
+        """Return the movement relative to the plan."""
         poses = positions_before(record, i)[:, :7]
         x, y = poses[:, 4], poses[:, 5]
         none = np.full(len(poses), np.nan)

@@ -20,15 +20,15 @@ from robustopt.simulation.parameters import Parameters
 from robustopt.simulation.physics import PREFIX, add_contact, quaternion, set_inertia
 
 CARRIER = PREFIX + "carrier"
-"""Body of the tray, or else of the cups and pads; its frame is the carrier frame."""
+"""Body of the tray, or of the cups and pads if there is no tray; its frame is the carrier frame."""
 
 ROUND_CORNERS = 16
-"""MuJoCo touches with a round face as if it were a regular polygon of so many corners, up to four of them at a time."""
+"""Number of corners of the regular polygon as which MuJoCo treats a round face; up to four of them touch at a time."""
 
 ROUND_GROWTH = 1.009
-"""A round base is two such polygons turned against each other, this much wider: by half the distance that their 32
-corners fall short of the circle, and by the loss as the load spreads over several (measured in
-tests/test_fidelity.py)."""
+"""Factor by which the two polygons that represent a round base, rotated relative to each other, are widened. It makes
+up for half the distance between their 32 corners and the circle, and for the loss as the load spreads over several
+corners (measured in tests/test_fidelity.py)."""
 
 PASSIVE = {"default": USUAL.default, "contype": 0, "conaffinity": 0}
 _HIDDEN = (0.0, 0.0, 0.0, 0.0)
@@ -187,7 +187,7 @@ def _yaw_quaternion(yaw: float) -> Array:
 
 
 def _friction(config: Config, parameters: Parameters, name: str) -> float:
-    """Return the friction of a body where it touches others than its supports; none of the tray."""
+    """Return the friction of a body in contact with bodies other than its supports; 0 for the tray."""
     return 0.0 if name == TRAY else parameters.friction[contact_names(name, config.objects[name])[0]]
 
 
