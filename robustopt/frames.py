@@ -20,13 +20,21 @@ MOST_ROWS, MOST_COLUMNS = 10, 22
 
 
 def plan_frame(plan: Plan) -> pd.DataFrame:
-    """Return a plan at its grid points, see `Plan.to_frame`."""
+    """Return a plan at its grid points, see `Plan.to_frame`.
+
+    Args:
+        plan: the plan.
+    """
     heads, rows = columns(Trajectory.from_plan(plan).at_gridpoints(), plan.problem.robot.joint_names)
     return pd.DataFrame(rows, columns=heads)
 
 
 def executions_frame(executions: Executions) -> pd.DataFrame:
-    """Return one row per trial: its outcome, the outcome of every object, and the actual frictions and masses."""
+    """Return one row per trial: its outcome, the outcome of every object, and the actual frictions and masses.
+
+    Args:
+        executions: the trials.
+    """
     return pd.DataFrame([dict(_outcome(outcome)) for outcome in executions.outcomes], columns=_heads(executions))
 
 
@@ -49,7 +57,11 @@ def _outcome(outcome: TrialOutcome) -> Iterator[tuple[str, object]]:
 
 
 def learned_frame(learned: Learned) -> pd.DataFrame:
-    """Return one row per plan that a learner tried, see `Learned.to_frame`."""
+    """Return one row per plan that a learner tried, see `Learned.to_frame`.
+
+    Args:
+        learned: the result of the learner.
+    """
     return pd.DataFrame([row_record(learned, row).model_dump(exclude_unset=True) for row in learned.rows])
 
 
@@ -57,19 +69,31 @@ def learned_frame(learned: Learned) -> pd.DataFrame:
 
 
 def plan_html(plan: Plan) -> str:
-    """Return a plan for a notebook."""
+    """Return a plan as HTML for a notebook.
+
+    Args:
+        plan: the plan.
+    """
     if plan.status is not Status.SOLVED:
         return _page(plan.message)
     return _page(f"{plan.problem.config.name}: {plan.duration:.4f} s, planned by {plan.method}", plan_frame(plan))
 
 
 def executions_html(executions: Executions) -> str:
-    """Return executions for a notebook."""
+    """Return executions as HTML for a notebook.
+
+    Args:
+        executions: the trials.
+    """
     return _page(sentence(executions), executions_frame(executions))
 
 
 def learned_html(learned: Learned) -> str:
-    """Return the result of a learner for a notebook."""
+    """Return the result of a learner as HTML for a notebook.
+
+    Args:
+        learned: the result of the learner.
+    """
     text = learned_sentence(learned) if learned.finished else f"{learned.state.executed:,} executions so far."
     return _page(text, learned_frame(learned))
 

@@ -16,39 +16,43 @@ RESOLUTION = 1e-9
 
 
 def rectangle(center: Array, size: Array, yaw: float = 0.0) -> Array:
-    """Return the corners of a rectangle, (4, 2) [m].
+    """Return the corners of a rectangle, counter-clockwise, (4, 2) [m].
 
     Args:
-        center: its centre (2,) [m].
-        size: its edge lengths along x and y (2,) [m].
-        yaw: its rotation [rad].
+        center: centre of the rectangle, (2,) or longer; only x and y are used [m].
+        size: edge lengths along x and y, (2,) or longer [m].
+        yaw: rotation of the rectangle about its centre [rad].
     """
     corners = 0.5 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) * np.asarray(size)[:2]
     return np.asarray(center)[:2] + corners @ rotation(yaw).T
 
 
 def regular_polygon(center: Array, radius: float, points: int, yaw: float = 0.0) -> Array:
-    """Return the corners of a regular polygon inscribed in a circle, (points, 2) [m].
+    """Return the corners of a regular polygon inscribed in a circle, counter-clockwise, (points, 2) [m].
 
     Args:
-        center: centre of the circle (2,) [m].
+        center: centre of the circle, (2,) or longer; only x and y are used [m].
         radius: radius of the circle [m].
         points: number of corners.
-        yaw: angle of the first corner [rad].
+        yaw: angle of the first corner from the x axis [rad].
     """
     angle = yaw + 2.0 * np.pi * np.arange(points) / points
     return np.asarray(center)[:2] + radius * np.column_stack([np.cos(angle), np.sin(angle)])
 
 
 def rotation(yaw: float) -> Array:
-    """Return the rotation matrix in the plane (2, 2); yaw in [rad]."""
+    """Return the rotation matrix in the plane, (2, 2).
+
+    Args:
+        yaw: angle of the rotation, counter-clockwise [rad].
+    """
     c, s = np.cos(yaw), np.sin(yaw)
     matrix: Array = np.array([[c, -s], [s, c]])
     return matrix
 
 
-def half_planes(polygon: Array) -> tuple[Array, Array]:
-    """Return outward unit normals n (n, 2) and offsets h (n,) [m] of the edges: the polygon is {p: n p <= h}."""
+def _half_planes(polygon: Array) -> tuple[Array, Array]:
+    """Return outward unit normals n (n, 2) and offsets h (n,) [m] of the edges; the polygon is {p: n p <= h}."""
     edge = np.roll(polygon, -1, axis=0) - polygon
     normal = np.column_stack([edge[:, 1], -edge[:, 0]])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
@@ -56,30 +60,35 @@ def half_planes(polygon: Array) -> tuple[Array, Array]:
 
 
 def area(polygon: Array) -> float:
-    """Return the area of a polygon [m^2], by the shoelace formula; 0 for an empty one."""
+    """Return the area of a polygon by the shoelace formula [m^2]; 0 for an empty polygon.
+
+    Args:
+        polygon: corners (n, 2) [m].
+    """
     x, y = polygon[:, 0], polygon[:, 1]
     return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
 
 
 def clip(polygon: Array, other: Array) -> Array:
-    """Return the intersection of two convex polygons; empty if they do not overlap.
+    """Return the intersection of two convex polygons.
 
     Args:
-        polygon: corners of the first (n, 2) [m].
-        other: corners of the second (m, 2) [m].
+        polygon: corners of the first polygon (n, 2) [m].
+        other: corners of the second polygon (m, 2) [m].
 
     Returns:
-        Corners (k, 2) [m].
+        Corners (k, 2) [m]; empty if the polygons do not overlap.
     """
-    return _cut(polygon, *half_planes(other))
+    return _cut(polygon, *_half_planes(other))
 
 
 def erode(polygon: Array, distance: float, yaw: float = 0.0) -> Array:
-    """Return the certain part of a polygon if each of its corners may be displaced along x and y.
+    """Return the part of a polygon that is certain when each of its corners may be displaced along x and y.
 
-    That is {p: p + d in polygon for every d in the square [-distance, distance]^2 turned by `yaw`}: each edge n p <= h
-    moves inwards by the square's reach along n, distance (|n_x| + |n_y|) in the square's own axes. Every point of the
-    result is inside the hull of the displaced corners (separating line).
+    The certain part is {p: p + d in polygon for every d in the square [-distance, distance]^2 rotated by `yaw`}. Each
+    edge n p <= h moves inwards by the extent of the square along n, distance (|n_x| + |n_y|) in the axes of the square.
+    Every point of the result lies in the convex hull of the displaced corners, by the separating-line theorem (our
+    choice).
 
     Args:
         polygon: corners (n, 2) [m].
@@ -87,29 +96,33 @@ def erode(polygon: Array, distance: float, yaw: float = 0.0) -> Array:
         yaw: rotation of these axes [rad].
 
     Returns:
-        Corners (k, 2) [m]; empty if nothing is certain.
+        Corners (k, 2) [m]; empty if no part is certain.
     """
-    normal, offset = half_planes(polygon)
+    normal, offset = _half_planes(polygon)
     reach = distance * np.abs(normal @ rotation(yaw)).sum(axis=1)
     return _cut(polygon, normal, offset - reach)
 
 
 def contains(polygon: Array, point: Array, tolerance: float = RESOLUTION) -> bool:
-    """Return whether a point is inside a convex polygon.
+    """Return whether a point lies in a convex polygon.
 
     Args:
-        polygon: corners (n, 2) [m].
-        point: the point (2,) [m].
-        tolerance: largest distance outside an edge that counts as inside [m].
+        polygon: corners (n, 2) [m]; a polygon with fewer than three contains nothing.
+        point: the point, (2,) or longer; only x and y are used [m].
+        tolerance: largest distance outside an edge that still counts as inside [m].
     """
     if len(polygon) < 3:
         return False
-    normal, offset = half_planes(polygon)
+    normal, offset = _half_planes(polygon)
     return bool(np.all(normal @ np.asarray(point)[:2] <= offset + tolerance))
 
 
 def convex_hull(points: Array) -> Array:
-    """Return the corners of the convex hull of points in the plane (n, 2), by Andrew's monotone chain."""
+    """Return the corners of the convex hull of points in the plane, (k, 2), by Andrew's monotone chain.
+
+    Args:
+        points: the points (n, 2).
+    """
     ordered = sorted(map(tuple, points))
 
     def chain(sequence: list[tuple[float, ...]]) -> list[tuple[float, ...]]:
@@ -153,18 +166,18 @@ def _without_repetitions(polygon: Array) -> Array:
 
 
 def common_direction(normals: Sequence[Array], friction: Sequence[float]) -> Array | None:
-    """Return a direction along which all forces in the friction cones of some contacts have a positive part.
+    """Return a direction along which every force in the friction cones of several contacts has a positive component.
 
-    A direction at an angle a from a normal has this property for its cone if a + atan(mu) < 90 degrees; between two
-    normals the middle of the allowed angles is taken. Without such a direction, contacts could press against each other
-    with any force (our choice).
+    A direction at an angle a from a contact's normal has this property for its cone if a + atan(mu) < 90 degrees. For
+    two normals, the result is the middle of the allowed angles between them. Without such a direction the contacts
+    could press against each other with any force (our choice).
 
     Args:
-        normals: unit normals of the contacts, (3,) each; at most two different ones.
+        normals: unit normals of the contacts, (3,) each; at most two distinct ones.
         friction: coefficient of friction of each contact.
 
     Returns:
-        Unit vector (3,), or None if there is none.
+        Unit vector (3,), or None if there is no such direction.
     """
     first, cones = normals[0], np.arctan(friction)
     angles = np.arccos(np.clip(np.array(normals) @ first, -1.0, 1.0))
@@ -185,8 +198,8 @@ def contact_axes(normal: Sequence[float] | Array, along: Sequence[float] | Array
     """Return the axes of a contact as columns (3, 3): z along its normal, x along a direction projected onto its plane.
 
     Args:
-        normal: the normal (3,), of any length but 0.
-        along: the direction (3,), of any length but 0, not parallel to the normal.
+        normal: normal of the contact (3,), of any non-zero length.
+        along: the direction (3,), of any non-zero length, not parallel to the normal.
     """
     z = np.asarray(normal, dtype=float) / np.linalg.norm(normal)
     x = np.asarray(along, dtype=float) - (np.asarray(along) @ z) * z
@@ -195,7 +208,11 @@ def contact_axes(normal: Sequence[float] | Array, along: Sequence[float] | Array
 
 
 def rotation_rpy(rpy: Sequence[float]) -> Array:
-    """Return the rotation matrix (3, 3) of roll, pitch and yaw about the fixed x, y and z axes [rad]."""
+    """Return the rotation matrix (3, 3) of roll, pitch and yaw about the fixed x, y and z axes.
+
+    Args:
+        rpy: roll, pitch and yaw (3,) [rad].
+    """
     (cx, cy, cz), (sx, sy, sz) = np.cos(rpy), np.sin(rpy)
     return np.array(
         [
@@ -207,7 +224,11 @@ def rotation_rpy(rpy: Sequence[float]) -> Array:
 
 
 def yaw_matrix(yaw: float) -> Array:
-    """Return the rotation matrix (3, 3) of a rotation about z [rad]."""
+    """Return the matrix (3, 3) of a rotation about z.
+
+    Args:
+        yaw: angle of the rotation [rad].
+    """
     matrix = np.eye(3)
     matrix[:2, :2] = rotation(yaw)
     return matrix

@@ -74,8 +74,8 @@ class Row(NamedTuple):
     share: float | None = None
 
 
-def headline(data: Summary) -> str:
-    """Return in one line how a run ended."""
+def _headline(data: Summary) -> str:
+    """Return a line that says how a run ended."""
     if data.duration is None:
         return f"{data.name}: {data.status}"
     if data.kind == "learning":
@@ -84,7 +84,11 @@ def headline(data: Summary) -> str:
 
 
 def sections(data: Summary) -> list[tuple[str, list[Row]]]:
-    """Return the lines of a summary under their headings; sections without a line are left out."""
+    """Return the lines of a summary under their headings; sections without a line are left out.
+
+    Args:
+        data: the summary.
+    """
     parts = [
         ("Learning", _learning(data.learning) if data.learning else []),
         ("Executions", _executions(data.executions) if data.executions else []),
@@ -100,7 +104,11 @@ def sections(data: Summary) -> list[tuple[str, list[Row]]]:
 
 
 def rows(values: Mapping[str, Any]) -> list[Row]:
-    """Return names and values as lines."""
+    """Return names and values as lines.
+
+    Args:
+        values: values by name.
+    """
     return [Row(name.replace("_", " "), _cell(value)) for name, value in values.items() if value is not None]
 
 
@@ -132,7 +140,11 @@ def _errors(values: Sequence[float]) -> str:
 
 
 def certificate_rows(certificate: CertificateRecord) -> list[Row]:
-    """Return the lines of a certificate."""
+    """Return the lines of a certificate.
+
+    Args:
+        certificate: the record of the certificate.
+    """
     worst, margins = certificate.worst, certificate.margins
     effort = f"{certificate.level}: {certificate.samples:,} samples, {certificate.tests:,} tests"
     name, margin = min(margins.items(), key=lambda item: _lowest(item[1].on_grid))
@@ -187,8 +199,14 @@ def _cell(value: Any) -> str:
 
 
 def print_summary(data: Summary, console: Console, place: Path) -> None:
-    """Print the summary of a run and the folder of its files."""
-    console.print(Text(headline(data), style=f"bold {_COLOURS.get(data.status, 'red')}"))
+    """Print the summary of a run and the folder of its files.
+
+    Args:
+        data: the summary.
+        console: console to print on.
+        place: folder of the run.
+    """
+    console.print(Text(_headline(data), style=f"bold {_COLOURS.get(data.status, 'red')}"))
     console.print(Text(data.message))
     if data.learning and data.learning.rows:
         print_whole(iterations_table(data.learning.rows), console)
@@ -199,7 +217,12 @@ def print_summary(data: Summary, console: Console, place: Path) -> None:
 
 
 def print_whole(shown: Table, console: Console) -> None:
-    """Print a table with no cell cut, wider than the terminal if need be."""
+    """Print a table without cutting cells, wider than the terminal if necessary.
+
+    Args:
+        shown: the table.
+        console: console to print on.
+    """
     width, whole = console.width, console.measure(shown, options=console.options.update(width=UNBOUNDED)).maximum
     console.width = max(width, whole)
     try:
@@ -209,7 +232,13 @@ def print_whole(shown: Table, console: Console) -> None:
 
 
 def print_rows(title: str, lines: Sequence[Row], console: Console) -> None:
-    """Print lines under a heading."""
+    """Print lines under a heading.
+
+    Args:
+        title: the heading.
+        lines: the lines.
+        console: console to print on.
+    """
     table = Table.grid(padding=(0, 2))
     table.add_column(no_wrap=True)
     width = max((len(value) for _, value, share in lines if share is not None), default=0)
@@ -222,7 +251,11 @@ def print_rows(title: str, lines: Sequence[Row], console: Console) -> None:
 
 
 def iterations_table(records: Sequence[Iteration]) -> Table:
-    """Return the iterations of a learner as a table, a line per plan."""
+    """Return the iterations of a learner as a table, a line per plan.
+
+    Args:
+        records: the iterations.
+    """
     heads, lines = table(records)
     gap = 1 if len(heads) <= MANY_COLUMNS else 0  # on top of the space that any two columns have between them
     shown = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, gap, 0, 0))
@@ -242,7 +275,14 @@ def iterations_table(records: Sequence[Iteration]) -> Table:
 
 
 def write_figures_and_page(result: PlanResult, data: Summary, folder: Path, figures: bool = True) -> None:
-    """Draw the figures of a run into its folder and write its page."""
+    """Draw the figures of a run into its folder and write its page.
+
+    Args:
+        result: the plan and its certificate.
+        data: the summary of the run.
+        folder: folder of the run.
+        figures: whether to draw figures.
+    """
     if figures:
         from robustopt.plotting import write_figures
 
@@ -251,7 +291,14 @@ def write_figures_and_page(result: PlanResult, data: Summary, folder: Path, figu
 
 
 def write_execution_figures(result: ExecutionResult, folder: Path, figures: bool, video: bool) -> None:
-    """Draw and film the first trial that succeeded beside the first that failed, or the only one there is."""
+    """Draw and film the first trial that succeeded beside the first one that failed, or the only one there is.
+
+    Args:
+        result: the plan and its executions.
+        folder: folder of the run.
+        figures: whether to draw figures.
+        video: whether to write a film.
+    """
     if not (figures or video):
         return
     from robustopt.plotting import write_execution_figures as write
@@ -274,7 +321,13 @@ def write_execution_figures(result: ExecutionResult, folder: Path, figures: bool
 
 
 def write_learning_figures(data: Summary, planned: PlanResult | None, folder: Path) -> None:
-    """Draw the iterations of a learner, and its best plan as `plan` draws it."""
+    """Draw the iterations of a learner, and its best plan as `plan` draws it.
+
+    Args:
+        data: the summary of the run.
+        planned: the best plan; None without one.
+        folder: folder of the run.
+    """
     from robustopt.plotting import write_figures, write_learning_figure
 
     learning = data.learning
@@ -286,8 +339,13 @@ def write_learning_figures(data: Summary, planned: PlanResult | None, folder: Pa
 
 
 def write_page(data: Summary, folder: Path) -> None:
-    """Write the summary of a run and the figures in its folder as one page that needs no other file."""
-    title = escape(headline(data))
+    """Write the summary of a run and the figures in its folder as one page that needs no other file.
+
+    Args:
+        data: the summary of the run.
+        folder: folder of the run.
+    """
+    title = escape(_headline(data))
     iterations = _iterations(data.learning.rows if data.learning else [])
     tables = iterations + "".join(f"<h2>{escape(name)}</h2>\n{_table(lines)}" for name, lines in sections(data))
     paths = [path for pattern in FIGURES for path in sorted((folder / "figures").glob(pattern))]

@@ -49,7 +49,11 @@ class Table:
     caption: str = ""
 
     def cells(self, forms: Sequence[str]) -> DataFrame:
-        """Return the cells as text, with a format for the numbers of each column."""
+        """Return the cells as text.
+
+        Args:
+            forms: format of the numbers of each column.
+        """
         cells = {
             column.key: [_cell(record.get(column.key), form) for record in self.records]
             for column, form in zip(self.columns, forms, strict=True)
@@ -75,12 +79,20 @@ def _cell(value: Value, form: str) -> str:
 
 
 def csv_text(table: Table) -> str:
-    """Return a table as CSV, numbers to `CSV_DIGITS` significant digits."""
+    """Return a table as CSV, with numbers to `CSV_DIGITS` significant digits.
+
+    Args:
+        table: the table.
+    """
     return table.cells([f".{CSV_DIGITS}g"] * len(table.columns)).to_csv(index=False, lineterminator="\n")
 
 
 def markdown_text(table: Table) -> str:
-    """Return a table in Markdown, its caption above it; cells are not padded, so that one change changes one line."""
+    """Return a table in Markdown with its caption above; cells are not padded, so one change affects one line.
+
+    Args:
+        table: the table.
+    """
     heads = [column.head for column in table.columns]
     rules = ["---:" if numeric else "---" for numeric in table.numeric()]
     cells = table.shown().replace(r"\|", r"\\|", regex=True)
@@ -90,7 +102,11 @@ def markdown_text(table: Table) -> str:
 
 
 def latex_text(table: Table) -> str:
-    r"""Return a table as a LaTeX `table` with rules of the package booktabs."""
+    r"""Return a table as a LaTeX `table` with rules of the package booktabs.
+
+    Args:
+        table: the table.
+    """
     heads = [column.latex or column.head.translate(_LATEX) for column in table.columns]
     cells = table.shown().map(lambda cell: cell.translate(_LATEX))
     alignment = "".join("r" if numeric else "l" for numeric in table.numeric())

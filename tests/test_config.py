@@ -142,7 +142,7 @@ def test_overrides_replace_values_entries_and_sections(task):
         ("gravity=[0, 0, -1e300]", "gravity[2]: found -1e+300; expected a number from -1000000"),
         ("path.tray_poses.7.yaw=0", "path.tray_poses[7]: found position 7; expected 0 to 1"),
         ("path.tray_poses.first.yaw=0", "expected a position, because path.tray_poses is a list"),
-        ("contact.friction.upper=0.3", "contact.friction is 0.5, which has no parts; replace it as a whole"),
+        ("contact.friction.upper=0.3", "contact.friction is 0.5, which has no keys; replace it as a whole"),
         ("uncertainty.friction=[0.4,", "uncertainty.friction: not YAML"),
         ("uncertainty={mass: 1, mass: 2}", "uncertainty.mass: found twice; expected once"),
     ],

@@ -536,7 +536,7 @@ def test_workers_that_die_again_and_again_are_an_error(slide, monkeypatch):
 
 def test_a_time_step_that_is_too_long_for_the_controller_is_refused():
     config = waiter("two_blocks", "contact.friction=0.25", "execution.timestep=0.005")
-    with pytest.raises(ConfigError, match=r"0\.005 s; the controller of joint6 is unstable with so long a time step"):
+    with pytest.raises(ConfigError, match=r"0\.005 s, but the controller of joint6 is unstable with this time step"):
         execute(plan_of(config, "reachability"), config, trials=1)
 
 
@@ -646,7 +646,7 @@ def test_the_joint_whose_integral_gain_is_too_large_is_named():
     )
     gains = Gains(np.array([100.0, 100.0]), np.array([5000.0, 0.0]), np.array([20.0, 5.0]), POSITION_VELOCITY)
     layout = JointLayout(np.array([0, 1]), np.array([0, 1]), np.array([0, 2]))
-    with pytest.raises(ConfigError, match="ki: found 5000; the controller of first is unstable"):
+    with pytest.raises(ConfigError, match="ki: found 5000, but the controller of first is unstable"):
         require_stable(model, layout, gains, ("first", "second"), np.zeros((1, 2)))
 
 

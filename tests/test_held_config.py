@@ -81,7 +81,7 @@ MISTAKES = {
     "pads on edges": (
         f"{HELD}={{grip: {{pad: [0.02, 0.02], force: 40, yaw: 0.3}}}}",
         f"{HELD}.grip.yaw",
-        "found 0.3 rad, with no flat face at the pads; expected a multiple of pi / 2",
+        "found 0.3 rad, which leaves no flat face at the pads; expected a multiple of pi / 2",
     ),
     "a cylinder in a grip": (
         f"objects.part={CYLINDER}{{grip: {{pad: [0.02, 0.02], force: 40}}}}}}",

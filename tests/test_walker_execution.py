@@ -360,7 +360,7 @@ def test_rates_of_the_base_are_the_changes_of_its_coordinates(plan):
         (["execution.truth.mass={torsoo: 3}"], "the robot has no body torsoo"),
         (["execution.truth.friction={torso: 0.3}"], "nothing is called torso"),
         (["execution.disturbance.on=hand"], "nothing is called hand"),
-        (["execution.timestep=0.02"], "unstable with so long a time step"),
+        (["execution.timestep=0.02"], "unstable with this time step"),
         (["execution.disturbance.calibration_deviation=[1, 2]"], "one for each of the 27 joints"),
     ],
 )

@@ -30,9 +30,9 @@ def check(config: Config, names: Collection[str] | None = None, like: Config | N
 
     Args:
         config: the configuration.
-        names: all objects that the document names, by default the objects of `config`. If `config` lacks some of them,
-            because they are wrong themselves, the scene as a whole is not checked.
-        like: a configuration without mistakes; its path and scene are not checked again if `config` shares them.
+        names: names of all objects in the document; default: the objects of `config`. `config` lacks objects that have
+            mistakes of their own; the scene as a whole is then not checked.
+        like: a configuration without mistakes. Its path and scene are not checked again if `config` shares them.
     """
     names = tuple(config.objects) if names is None else names
     yield from _names(config, names)
@@ -58,7 +58,7 @@ def check(config: Config, names: Collection[str] | None = None, like: Config | N
 
 
 def _without_tray(config: Config) -> Iterator[Finding]:
-    """Yield a missing tray that an object or a path needs, and tool poses beside a tray."""
+    """Yield a missing tray that an object or the path needs, and tool poses in a task with a tray."""
     needed = [name for name, body in config.objects.items() if TRAY in supports(body) and body.held_by is None]
     fields = ", ".join(TrayConfig.model_fields)
     if config.tray is None and (needed or config.path.tray_poses is not None):

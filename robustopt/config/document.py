@@ -1,4 +1,4 @@
-"""YAML with the place of every value, and `key=value` overrides on top of it.
+"""YAML with the location of every value, and `key=value` overrides of its values.
 
 A configuration needs only mappings with plain keys, lists, text, numbers, true, false and null. Unlike YAML 1.1, `on`
 and `yes` are text and `1e-3` is a number.
@@ -25,7 +25,7 @@ Key = tuple[str | int, ...]
 """Path to a value: names of keys and positions in lists."""
 
 MOST_VALUES = 200_000
-"""A document with more values is refused: aliases of aliases can make a small file grow without bound."""
+"""Largest number of values in a document: aliases of aliases can make a small file grow without bound."""
 
 _TAG = "tag:yaml.org,2002:"
 
@@ -59,46 +59,74 @@ class _Dumper(yaml.SafeDumper):
 
 
 def write_yaml(data: Any) -> str:
-    """Return plain values as YAML text; every float is written so that it reads back exactly."""
+    """Return plain values as YAML text; every float is written so that it reads back exactly.
+
+    Args:
+        data: nested dicts, lists, text, numbers, booleans and None.
+    """
     return yaml.dump(data, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=110, allow_unicode=True)
 
 
 def show_key(key: Key) -> str:
-    """Return a key path as messages and overrides write it, e.g. path.tray_poses[0].yaw."""
+    """Return a key path as it is written in messages and overrides, such as path.tray_poses[0].yaw.
+
+    Args:
+        key: names of keys and positions in lists.
+    """
     parts = [f"[{part}]" if isinstance(part, int) else f".{part}" for part in key]
     return "".join(parts).removeprefix(".")
 
 
-def join_keys(outer: str, inner: str) -> str:
-    """Return one key path below another."""
+def _join_keys(outer: str, inner: str) -> str:
+    """Return a key path that continues another one."""
     return f"{outer}{'' if not inner or inner.startswith('[') else '.'}{inner}"
 
 
 def split_key(text: str) -> Key:
-    """Return the key path in a text such as path.tray_poses.0.yaw or path.tray_poses[0].yaw."""
+    """Return the key path that a text denotes.
+
+    Args:
+        text: the text, such as path.tray_poses.0.yaw or path.tray_poses[0].yaw.
+    """
     parts = re.sub(r"\[(\d+)\]", r".\1", text.strip()).split(".")
     return tuple(int(part) if part.isdecimal() else part for part in parts)
 
 
 @dataclass
 class Document:
-    """Plain values of a configuration, with the place of each, and the mistakes in the text."""
+    """Plain values of a configuration, the location of each in its source, and the mistakes in the text."""
 
     data: Any = None
     locations: dict[Key, str] = field(default_factory=dict)
     problems: list[ConfigProblem] = field(default_factory=list)
 
     def locate(self, key: Key) -> str:
-        """Return the location of a value, or of the nearest section around it that has one."""
+        """Return the location of a value, or of the nearest section around it that has a location.
+
+        Args:
+            key: key path of the value; it need not exist.
+        """
         return self.locations.get(self._written(key), "")
 
     def position(self, key: Key) -> int:
-        """Return the place of a value in the order of the document."""
+        """Return the position of a value, or of the nearest section around it, in the order of the document.
+
+        Args:
+            key: key path of the value.
+
+        Returns:
+            The position, or -1 if nothing around the value has a location.
+        """
         order = {written: i for i, written in enumerate(self.locations)}
         return order.get(self._written(key), -1)
 
     def problem(self, key: Key, message: str) -> ConfigProblem:
-        """Return a mistake at a key, with its location."""
+        """Return a mistake at a key, with the location of the key.
+
+        Args:
+            key: key path of the value that is wrong.
+            message: the value that was found and the values that are expected.
+        """
         return ConfigProblem(key=show_key(key), message=message, location=self.locate(key))
 
     def _written(self, key: Key) -> Key:
@@ -107,7 +135,11 @@ class Document:
         return key
 
     def override(self, text: str) -> None:
-        """Apply one `key=value`, or add a mistake to `problems`."""
+        """Apply one override, or add a mistake to `problems`.
+
+        Args:
+            text: `key=value`, the value in YAML.
+        """
         location = f"override '{text if len(text) <= 100 else text[:97] + '...'}'"
         key_text, equals, value_text = text.partition("=")
         if not equals or not key_text.strip():
@@ -116,12 +148,20 @@ class Document:
             return
         key, part = split_key(key_text), read_text(value_text, location, lines=False)
         if part.problems:
-            self.problems += [replace(p, key=join_keys(show_key(key), p.key)) for p in part.problems]
+            self.problems += [replace(p, key=_join_keys(show_key(key), p.key)) for p in part.problems]
         else:
             self.assign(key, part, location)
 
     def assign(self, key: Key, part: Document, location: str) -> None:
-        """Put another document's value at a key, and make the sections on the way."""
+        """Put a value from another document at a key, and add the sections on the way that are missing.
+
+        A key that does not fit the document is added to `problems`.
+
+        Args:
+            key: key path at which the value is put.
+            part: document that holds the value.
+            location: location of the value, for messages.
+        """
         if self.data is None:
             self.data = {}
         try:
@@ -136,7 +176,7 @@ class Document:
 
 
 def _assign(container: Any, key: Key, value: Any) -> Key:
-    """Put a value at a key of nested dicts and lists; return the key, with numbers as text for names of a dict."""
+    """Put a value at a key of nested dicts and lists, and return the key as it is stored: names in a dict are text."""
     found: Key = ()
     for i, part in enumerate(key):
         _require_place(container, key[: i + 1], part)
@@ -163,7 +203,7 @@ def _require_place(container: Any, key: Key, part: str | int) -> None:
             message = f"found position {part}; expected 0 to {len(container) - 1}, the entries of {above}"
             raise ConfigError(message, key=show_key(key))
     else:
-        message = f"{above} is {_short(container)}, which has no parts; replace it as a whole: {above}={{{part}: ...}}"
+        message = f"{above} is {_short(container)}, which has no keys; replace it as a whole: {above}={{{part}: ...}}"
         raise ConfigError(message, key=show_key(key))
 
 
@@ -175,8 +215,13 @@ def _short(value: Any) -> str:
 def read_file(path: Path) -> Document:
     """Read a configuration file.
 
+    Mistakes in its YAML are listed in `problems` of the document.
+
+    Args:
+        path: path of the file.
+
     Raises:
-        ConfigError: there is no such file, or it is no text.
+        ConfigError: the file does not exist, cannot be read, or is not UTF-8 text.
     """
     if path.is_dir():
         raise ConfigError([ConfigProblem("", "this is a folder; expected a YAML file", str(path))])
@@ -195,10 +240,12 @@ def read_file(path: Path) -> Document:
 def read_text(text: str, source: str, lines: bool = True) -> Document:
     """Read YAML text.
 
+    Mistakes in the YAML are listed in `problems` of the document.
+
     Args:
         text: the YAML.
-        source: its name in messages.
-        lines: whether messages name the line.
+        source: name of the text in messages.
+        lines: whether messages give line numbers.
     """
     return _Reader(source, lines).read(text)
 
@@ -302,7 +349,7 @@ class _Reader:
 
 
 class _Refused(yaml.MarkedYAMLError):
-    """YAML that is none of a configuration, with a remedy."""
+    """YAML that a configuration must not contain, with a remedy."""
 
     def __init__(self, problem: str, mark: Any, remedy: str) -> None:
         super().__init__(problem=problem, problem_mark=mark)

@@ -17,8 +17,8 @@ from robustopt.scene.placement import FACES, half_extents, part_in_hold
 Finding = tuple[Key, str]
 
 
-def check_held(name: str, body: ObjectConfig) -> Iterator[Finding]:
-    """Yield the mistakes in how one object is held."""
+def _check_held(name: str, body: ObjectConfig) -> Iterator[Finding]:
+    """Yield the mistakes in the cups or the gripper of one object."""
     key: Key = ("objects", name)
     if body.held_by is None:
         return
@@ -66,7 +66,7 @@ def _cups(key: Key, body: ObjectConfig, hold: SuctionConfig) -> Iterator[Finding
 
 
 def _beyond(body: ObjectConfig, hold: HoldConfig, centre: Array, radius: float) -> float:
-    """Return how far a lip reaches beyond the face that it is on [m]; its centre (3,) is in the part frame."""
+    """Return the distance by which a lip reaches beyond its face [m]; its centre (3,) is given in the part frame."""
     if body.radius is not None:
         return float(np.hypot(*centre[:2])) + radius - body.radius
     _, u, v = FACES[hold.face]
@@ -78,7 +78,10 @@ def _pads(key: Key, body: ObjectConfig, hold: GripConfig) -> Iterator[Finding]:
     part = part_in_hold(body)
     closing = part.rotation.T @ np.eye(3)[0 if hold.axis == "x" else 1]
     if np.abs(closing).max() < 1.0 - RESOLUTION:
-        yield (*key, "yaw"), f"found {hold.yaw:g} rad, with no flat face at the pads; expected a multiple of pi / 2"
+        yield (
+            (*key, "yaw"),
+            f"found {hold.yaw:g} rad, which leaves no flat face at the pads; expected a multiple of pi / 2",
+        )
         return
     extents, centre = half_extents(body), part.rotation.T @ -part.position
     across = part.rotation.T @ np.eye(3)[1 if hold.axis == "x" else 0]
@@ -95,6 +98,10 @@ def _pads(key: Key, body: ObjectConfig, hold: GripConfig) -> Iterator[Finding]:
 
 
 def check_all_held(config: Config) -> Iterator[Finding]:
-    """Yield the mistakes in how the objects of a configuration are held."""
+    """Yield the mistakes in the cups and grippers that hold the objects of a configuration.
+
+    Args:
+        config: the configuration.
+    """
     for name, body in config.objects.items():
-        yield from check_held(name, body)
+        yield from _check_held(name, body)

@@ -20,14 +20,14 @@ class LearnedParameter(Section):
 class FirstBelief(Section):
     """A belief that `ilrobs-calibrated` tests first."""
 
-    friction: Friction = Field(description="coefficient of friction of all interfaces")
+    friction: Friction = Field(description="coefficient of friction of all contacts")
     joint_acceleration: AccelerationError = Field(
         default=AccelerationError(), description="error of the actual joint acceleration, one value per joint"
     )
 
 
 class LearningConfig(Section):
-    """The settings of a learner."""
+    """Settings of a learner."""
 
     algorithm: Literal[
         "bisection",
@@ -40,8 +40,8 @@ class LearningConfig(Section):
     ] = Field(default="ilrobs", description="algorithm of the learner; bnb-midpoint is a baseline for comparisons")
     K: Annotated[FiniteFloat, Field(ge=0, le=6)] = Field(
         default=1.0,
-        description="standard deviations of the acceleration error that a plan survives; a plan of ilrobs needs "
-        "N_e(K) = ceil(1 / (1 - Phi(K))) successes in a row",
+        description="number of standard deviations of the acceleration error for which a plan must hold; ilrobs "
+        "accepts a plan after N_e(K) = ceil(1 / (1 - Phi(K))) successes in a row",
     )
     reading: Literal["one-sided", "two-sided"] = Field(
         default="one-sided",
@@ -49,11 +49,12 @@ class LearningConfig(Section):
     )
     friction: tuple[NonNegative, NonNegative] = Field(
         default=(0.0, 1.0),
-        description="searched interval of the coefficient of friction, which replaces the friction of all interfaces",
+        description="interval in which the coefficient of friction is searched; the learned value replaces the "
+        "friction of all contacts",
     )
     delta: Positive = Field(
         default=0.05,
-        description="width of the interval of the friction at which bisection and ilrobs end; for branch and bound the "
+        description="width of the friction interval at which bisection and ilrobs stop; for branch and bound the "
         "smallest side of a box of parameters, relative to their intervals",
     )
     try_upper: bool = Field(
@@ -73,10 +74,10 @@ class LearningConfig(Section):
         description="confidence of statements about success rates; ilrobs-calibrated guarantees its result with it",
     )
     resolution: Positive = Field(
-        default=0.01, description="ilrobs-calibrated: relative difference of durations that matters"
+        default=0.01, description="ilrobs-calibrated: smallest relative difference of durations that matters"
     )
     K_values: tuple[NonNegative, ...] = Field(
-        default=(0.0, 0.5, 1.0, 2.0), description="ilrobs-calibrated: searched values of K, 0 first"
+        default=(0.0, 0.5, 1.0, 2.0), description="ilrobs-calibrated: values of K to search, 0 first"
     )
     futility: Level = Field(
         default=0.05,
@@ -84,38 +85,41 @@ class LearningConfig(Section):
     )
     patience: Annotated[FiniteFloat, Field(ge=1)] = Field(
         default=4.0,
-        description="ilrobs-calibrated: a test gives up after this many times the executions of the shortest "
-        "acceptance",
+        description="ilrobs-calibrated: a test gives up after this multiple of the executions that the shortest "
+        "acceptance takes",
     )
     first: FirstBelief | None = Field(
-        default=None, description="ilrobs-calibrated: a belief that is tested first, such as the answer of ilrobs"
+        default=None, description="ilrobs-calibrated: a belief to test first, such as the result of ilrobs"
     )
     prior: Level = Field(
         default=0.5,
-        description="prior probability that a plan meets Phi(K), for the probability that a failed plan still meets it",
+        description="prior probability that a plan meets the success rate Phi(K); it enters the probability that a "
+        "plan that failed still meets it",
     )
     trials: Annotated[int, Field(ge=0, le=1_000_000)] = Field(
         default=100,
         description="number of fresh executions that estimate the success rate of a learned plan; 0 for none",
     )
     judged: Literal["result", "all"] = Field(
-        default="all", description="plans whose success rate is estimated: the returned ones, or all"
+        default="all", description="plans whose success rate is estimated: the returned plans only, or all"
     )
     parameters: tuple[LearnedParameter, ...] = Field(
         default=(), description="parameters that the branch-and-bound learners search"
     )
     budget: int = Field(default=40, ge=1, description="largest number of executions of the branch-and-bound learners")
     gap: Positive = Field(
-        default=0.01, description="branch and bound: relative gap of the best plan to the lower bound at which they end"
+        default=0.01,
+        description="branch and bound: relative gap between the best plan and the lower bound at which the search "
+        "stops",
     )
     executions_per_plan: int = Field(
         default=1,
         ge=1,
-        description="branch and bound: successes in a row that a plan needs, 1 if executions do not vary; bnb-informed "
-        "requires a success rate of 1 - 1/N",
+        description="branch and bound: number N of successes in a row that a plan needs, 1 if executions do not vary; "
+        "bnb-informed requires a success rate of 1 - 1/N",
     )
     plans: int = Field(
         default=1000,
         ge=1,
-        description="branch and bound: largest number of plans that guide the search; reduce it if planning is slow",
+        description="branch and bound: largest number of plans made to guide the search; reduce it if planning is slow",
     )

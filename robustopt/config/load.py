@@ -1,4 +1,4 @@
-"""Reads configurations from files, text and mappings, changes them, and writes them back."""
+"""Read configurations from files, text and mappings, change them, and write them."""
 
 from __future__ import annotations
 
@@ -16,23 +16,24 @@ from robustopt.errors import ConfigError
 from robustopt.models import MODELS
 
 Source = str | Path | Mapping[str, Any]
-"""A file, YAML text, or the values themselves."""
+"""Path of a file, YAML text, or a mapping with the values."""
 
 
 def load_config(source: Source, overrides: Sequence[str] = (), folder: str | Path | None = None) -> Config:
     """Return the configuration in a file, in YAML text or in a mapping.
 
     Args:
-        source: path of a YAML file; text with a line break is YAML itself; a mapping holds the values.
-        overrides: `key=value` on top of it, the value in YAML. Keys are joined by dots, entries of lists are numbered
-            from 0: `path.tray_poses.0.yaw=0.3`, `uncertainty={}`.
-        folder: relative file names in the configuration start here; by default that of the file, or the current one.
+        source: path of a YAML file, YAML text (recognised by a line break), or a mapping of keys to values.
+        overrides: `key=value` texts that replace values of the source; the value is YAML. Keys are joined by dots, and
+            entries of lists are numbered from 0: `path.tray_poses.0.yaw=0.3`, `uncertainty={}`.
+        folder: folder that relative file names in the configuration refer to; default: the folder of the file, or the
+            current one.
 
     Returns:
         The configuration, checked.
 
     Raises:
-        ConfigError: every mistake of the source and the overrides, with its place and its remedy.
+        ConfigError: the source or an override has mistakes; the error lists all of them, with location and remedy.
     """
     file = _file(source)
     if folder is None:
@@ -41,7 +42,15 @@ def load_config(source: Source, overrides: Sequence[str] = (), folder: str | Pat
 
 
 def located(error: ConfigError, source: Source, overrides: Sequence[str] = ()) -> ConfigError:
-    """Return the same mistakes with the places of their keys, for those that only building robot and path shows."""
+    """Return an error with the locations of its keys added.
+
+    Only building the robot and the path reveals some mistakes, at a stage at which the document is no longer at hand.
+
+    Args:
+        error: the error.
+        source: source of the configuration, as for `load_config`.
+        overrides: overrides of the configuration, as for `load_config`.
+    """
     document = _document(source, overrides)
     problems = [replace(p, location=p.location or document.locate(split_key(p.key))) for p in error.problems]
     return ConfigError(problems)
@@ -65,14 +74,14 @@ def _document(source: Source, overrides: Sequence[str]) -> Document:
 
 
 def with_values(config: Config, values: Mapping[str, Any]) -> Config:
-    """Return a copy with other values, checked as `load_config` does.
+    """Return a copy of a configuration with some values replaced, checked as by `load_config`.
 
     Args:
-        config: stays as it is.
-        values: by dotted keys, such as {"contact.friction": 0.3}.
+        config: the configuration, which is not changed.
+        values: new values by dotted key, such as {"contact.friction": 0.3}.
 
     Raises:
-        ConfigError: a key is unknown, or the values do not fit.
+        ConfigError: a key is unknown, or a value does not fit.
     """
     keys = {key: split_key(key) for key in values}
     sections = {key[0] for key in keys.values()}
@@ -98,12 +107,20 @@ def _dumped(section: Any) -> Any:
 
 
 def dump(config: Config) -> str:
-    """Return YAML that `load_config` reads as an equal configuration from any folder; floats read back exactly."""
+    """Return YAML from which `load_config` reads an equal configuration in any folder; floats read back exactly.
+
+    Args:
+        config: the configuration.
+    """
     return write_yaml(resolved(config))
 
 
 def resolved(config: Config) -> dict[str, Any]:
-    """Return every key with its value as plain data, defaults included; names of files are absolute."""
+    """Return every key with its value as plain data, including defaults; file names are absolute.
+
+    Args:
+        config: the configuration.
+    """
     data: dict[str, Any] = _plain(config.model_dump(exclude_none=True))
     if _is_file(config):
         data["robot"]["model"] = _absolute(config, config.robot.model)
@@ -113,7 +130,7 @@ def resolved(config: Config) -> dict[str, Any]:
 
 
 def _is_file(config: Config) -> bool:
-    """Return whether the robot is a file relative to the configuration, not a shipped robot and not in a package."""
+    """Return whether the robot model is a file relative to the configuration, neither shipped nor in a ROS package."""
     model = config.robot.model
     shipped = (MODELS / f"{model}.xml").is_file()
     return not shipped and not model.startswith("package://")
@@ -124,7 +141,7 @@ def _absolute(config: Config, name: str) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Return mappings with names as keys, tuples and arrays as lists, and paths as text."""
+    """Return plain data: mappings with text as keys, tuples and arrays as lists, paths as text."""
     if isinstance(value, Mapping):
         # readers of YAML 1.1 take the key `on` for true
         return {"on" if key is True else str(key): _plain(inner) for key, inner in value.items()}

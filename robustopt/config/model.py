@@ -1,7 +1,7 @@
 """Models of the configuration: meaning, unit, default and bounds of each key.
 
 Units are SI, angles are radians. The reference page and the JSON Schema are generated from the descriptions here. The
-module `check` holds the relations between keys.
+module `check` checks the relations between keys.
 """
 
 from __future__ import annotations
@@ -55,7 +55,10 @@ class JointLimitOverride(Section):
 class Collision(Section):
     """Collision check along the path."""
 
-    check: bool = Field(default=True, description="check the path for collisions of the arm, the tray and the objects")
+    check: bool = Field(
+        default=True,
+        description="whether to check the path for collisions of the robot, the tray and the objects",
+    )
     exclude: tuple[tuple[str, str], ...] = Field(
         default=(), description="pairs of body names whose collisions are ignored"
     )
@@ -69,14 +72,14 @@ class RobotConfig(Section):
     )
     tool: str | tuple[str, ...] = Field(
         default="flange",
-        description="site or body of the model that carries the tray or holds the parts; a list of hands of a walking "
-        "robot that hold the tray together: the tool frame has the axes of the first and its origin in the middle of "
-        "all",
+        description="site or body of the model that carries the tray or holds the parts; or a list of the hands of a "
+        "walking robot that hold the tray together: the tool frame then has the axes of the first hand and its origin "
+        "midway between the hands",
     )
     posture: dict[str, Real] = Field(
         default={},
-        description="positions of joints of a walking robot that do not move along the path, by joint name; default: "
-        "the model's first keyframe [rad or m]",
+        description="positions of the joints of a walking robot that do not move along the path, by joint name; "
+        "default: their positions in the model's first keyframe [rad or m]",
     )
 
     @property
@@ -87,12 +90,16 @@ class RobotConfig(Section):
     base: Pose = Field(default=Pose(), description="pose of the robot's base in the world")
     limits: dict[str, JointLimitOverride] = Field(
         default={},
-        description="joint limits by joint name, in place of the model's; the name `all` applies to every joint",
+        description="joint limits by joint name, which replace those of the model; the name `all` applies to every "
+        "joint",
     )
     locked: dict[str, Real] = Field(
         default={}, description="fixed positions of locked joints, by joint name [rad or m]"
     )
-    joint_friction: bool = Field(default=True, description="count dry and viscous joint friction in the torque limits")
+    joint_friction: bool = Field(
+        default=True,
+        description="include dry and viscous joint friction in the joint torques",
+    )
     collision: Collision = Field(default=Collision(), description="collision check along the path")
 
 
@@ -116,7 +123,7 @@ class UncertaintyConfig(Section):
     )
     mass: dict[str, tuple[Mass, Mass]] = Field(
         default={},
-        description="interval of the mass, which scales the inertia, by object name or `tray` [kg]",
+        description="interval of the mass, by object name or `tray`; the inertia scales with the mass [kg]",
     )
     joint_acceleration: AccelerationError | None = Field(
         default=None, description="interval of the error of the joint acceleration"
@@ -133,11 +140,11 @@ class SolverConfig(Section):
 
     method: Literal["ipopt", "reachability"] = Field(
         default="ipopt",
-        description="solver: a nonlinear program with inner contact programs (ipopt), or a fast one for minimum time "
-        "only (reachability)",
+        description="solver: a nonlinear program with inner contact programs (ipopt), or a faster method that "
+        "minimises time only (reachability)",
     )
     collocation_points: int = Field(
-        default=200, ge=10, le=100_000, description="number N of intervals of the grid along the path"
+        default=200, ge=10, le=100_000, description="number N of grid intervals along the path"
     )
     cost: Literal["time", "effort", "smoothness"] = Field(
         default="time",
@@ -168,7 +175,10 @@ class Config(Section):
     objects: Annotated[dict[str, ObjectConfig], BeforeValidator(_empty_mapping)] = Field(
         default={}, description="the objects that stand on the tray or are held by the tool, by name"
     )
-    contact: ContactConfig = Field(default=ContactConfig(), description="friction, and the approximation of contacts")
+    contact: ContactConfig = Field(
+        default=ContactConfig(),
+        description="friction, and the approximation of the contacts",
+    )
     path: PathConfig = Field(description="the path: exactly one of tray_poses, tool_poses, joints and steps")
     uncertainty: UncertaintyConfig = Field(
         default=UncertaintyConfig(),
@@ -177,11 +187,17 @@ class Config(Section):
     solver: SolverConfig = Field(default=SolverConfig(), description="the solver")
     output: OutputConfig = Field(default=OutputConfig(), description="files that a run writes")
     execution: ExecutionConfig | None = Field(
-        default=None, description="execution in simulation; checked, but not read by `plan`"
+        default=None, description="execution in simulation; `plan` checks this section but does not use it"
     )
-    learning: LearningConfig | None = Field(default=None, description="learning; checked, but not read by `plan`")
-    gravity: Acceleration3 = Field(default=(0.0, 0.0, -9.81), description="gravity in the world [m/s^2]")
-    seed: int = Field(default=0, ge=0, description="seed of every random number of the run")
+    learning: LearningConfig | None = Field(
+        default=None,
+        description="learning; `plan` checks this section but does not use it",
+    )
+    gravity: Acceleration3 = Field(
+        default=(0.0, 0.0, -9.81),
+        description="acceleration due to gravity, in the world frame [m/s^2]",
+    )
+    seed: int = Field(default=0, ge=0, description="seed of all random numbers of the run")
     folder: Path = Field(
         default=Path("."), exclude=True, description="folder that relative file names in the configuration refer to"
     )

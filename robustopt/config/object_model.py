@@ -30,8 +30,8 @@ class HandsConfig(Section):
     """Hands that hold the tray between thumb and fingers."""
 
     pad: tuple[Length, Length] = Field(
-        description="edge lengths of the pads of each hand, along x and y of the tray: a thumb above it, fingers below "
-        "[m]"
+        description="edge lengths of the pads of each hand along x and y of the tray; the thumb is above the tray, "
+        "the fingers are below it [m]"
     )
     force: Force = Field(description="force with which each thumb presses the tray onto the fingers [N]")
     squeeze: NonNegative = Field(
@@ -40,7 +40,7 @@ class HandsConfig(Section):
         "positions; it uses up friction and joint torque [N]",
     )
     pressure: Literal["fixed", "free"] = Field(
-        default="fixed", description="distribution of the normal force over the pads, as for a gripper"
+        default="fixed", description="distribution of the normal force over the pads, see `objects.NAME.held_by.grip`"
     )
 
 
@@ -51,7 +51,8 @@ class TrayConfig(Section):
     mass: Mass = Field(description="mass of the tray [kg]")
     pose: Pose = Field(default=Pose(), description="pose of the tray's centre in the tool frame")
     hands: HandsConfig | None = Field(
-        default=None, description="hands that hold the tray, if robot.tool names several; else it is fixed to the tool"
+        default=None,
+        description="hands that hold the tray, if robot.tool names several; otherwise the tray is fixed to the tool",
     )
     center_of_mass: Point3 = Field(
         default=(0.0, 0.0, 0.0),
@@ -79,14 +80,14 @@ class HoldConfig(Section):
     )
     at: Point2 = Field(
         default=(0.0, 0.0),
-        description="point of this face on the z axis of `pose`, from the middle of the face along the part's axes: x "
-        "and y for top and bottom, z and the other horizontal axis for the side faces [m]",
+        description="point of this face that lies on the z axis of `pose`, measured from the middle of the face along "
+        "the part's axes: x and y for top and bottom, z and the other horizontal axis for the side faces [m]",
     )
     yaw: Real = Field(default=0.0, description="rotation of the part about the z axis of `pose` [rad]")
     pressure: Literal["fixed", "free"] = Field(
         default="fixed",
-        description="distribution of the normal force over the contact points of a patch that is twisted: as of "
-        "elastic lips or uniform pads (fixed, the safe side), or the best possible (free)",
+        description="distribution of the normal force over the contact points of a patch under a twisting load: that "
+        "of elastic lips or uniform pads (fixed, conservative), or the most favourable one (free)",
     )
 
 
@@ -101,9 +102,7 @@ class SuctionConfig(HoldConfig):
     """Suction cups that hold a part."""
 
     cups: tuple[CupConfig, ...] = Field(default=(), description="the suction cups, at least one")
-    force: Force = Field(
-        description="force of the vacuum that presses the part against each lip, a number or an interval [N]"
-    )
+    force: Force = Field(description="vacuum force that presses the part against each lip, a number or an interval [N]")
 
 
 class GripConfig(HoldConfig):
@@ -118,11 +117,12 @@ class GripConfig(HoldConfig):
     force: Force = Field(description="closing force of the driven finger, a number or an interval [N]")
     depth: Distance | None = Field(
         default=None,
-        description="distance of the centre of the pads from the face that points to the tool; default: half the part "
-        "[m]",
+        description="distance from the centre of the pads to the face that points to the tool; default: half the "
+        "extent of the part [m]",
     )
     finger_mass: NonNegative = Field(
-        default=0.0, description="mass of the driven finger, which the closing force accelerates besides the part [kg]"
+        default=0.0,
+        description="mass of the driven finger, which the closing force accelerates in addition to the part [kg]",
     )
 
 
@@ -187,10 +187,10 @@ class ContactConfig(Section):
     friction: Friction | dict[str, Friction] = Field(
         default=0.5,
         description="nominal coefficient of friction, one value for all contacts, or by contact or object (`default` "
-        "for the rest); if only uncertainty.friction is given, the middle of its interval",
+        "for the rest); if only uncertainty.friction is given, the nominal value is the middle of its interval",
     )
     cone_edges: int = Field(
-        default=16, ge=3, le=64, description="edges of the inner approximation of each friction cone"
+        default=16, ge=3, le=64, description="number of edges of the inner approximation of each friction cone"
     )
     patch_points: int = Field(default=8, ge=3, le=32, description="number of contact points of a round patch")
 
@@ -200,6 +200,10 @@ def contact_names(name: str, body: ObjectConfig) -> tuple[str, ...]:
 
     An object on its support, or held by one cup, has one contact, which takes its name. Several cups and the pads of a
     gripper are numbered: `part_cup1`, `part_pad2`. The driven finger has pad 1.
+
+    Args:
+        name: name of the object.
+        body: the object.
     """
     held = body.held_by
     if held is not None and held.grip is not None:
@@ -209,5 +213,9 @@ def contact_names(name: str, body: ObjectConfig) -> tuple[str, ...]:
 
 
 def pad_names(name: str) -> tuple[str, str]:
-    """Return the names of two opposed pads: the driven one (a finger or thumb), then the fixed one."""
+    """Return the names of two opposed pads: the driven one (a finger or thumb), then the fixed one.
+
+    Args:
+        name: name of the held object or of the hand.
+    """
     return f"{name}_pad1", f"{name}_pad2"

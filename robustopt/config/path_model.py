@@ -25,8 +25,11 @@ class FramePose(Section):
 
     position: Point3 = Field(description="position of the tray's centre, or of the tool, in the world [m]")
     rpy: Vector3 | None = Field(default=None, description="roll, pitch, yaw about the fixed x, y, z axes [rad]")
-    yaw: Real | None = Field(default=None, description="rotation about the vertical of a level tray or tool [rad]")
-    quaternion: Vector4 | None = Field(default=None, description="orientation w, x, y, z, of any length but 0")
+    yaw: Real | None = Field(default=None, description="rotation of a level tray or tool about the vertical [rad]")
+    quaternion: Vector4 | None = Field(
+        default=None,
+        description="orientation as a quaternion w, x, y, z of any non-zero length",
+    )
 
 
 class PathTolerance(Section):
@@ -70,11 +73,11 @@ class RailConfig(Section):
         "[m]",
     )
     normal: Vector3 = Field(
-        default=(0.0, 0.0, 1.0), description="direction out of the rail at this position, of any length but 0"
+        default=(0.0, 0.0, 1.0), description="direction out of the rail at this position, of any non-zero length"
     )
     along: Vector3 = Field(
         default=(1.0, 0.0, 0.0),
-        description="direction of the rail and of the fingers; only its part at a right angle to the normal counts",
+        description="direction of the rail and of the fingers; only its component perpendicular to the normal is used",
     )
 
     @property
@@ -98,25 +101,27 @@ class PathConfig(Section):
         "[rad or m]",
     )
     blend: NonNegative = Field(
-        default=0.0, description="length on each side of a pose that is rounded; 0 stops at the pose [m]"
+        default=0.0,
+        description="length of the path that is rounded on each side of a pose; with 0 the robot stops at the pose [m]",
     )
     tolerance: PathTolerance = Field(
         default=PathTolerance(),
         description="accuracy of the inverse kinematics between the samples of the path of poses",
     )
     steps: tuple[StepConfig, ...] | None = Field(
-        default=None, description="steps of a walking robot, one foot after the other, with level soles along x"
+        default=None,
+        description="steps of a walking robot with alternating feet; the soles stay level and point along x",
     )
     start: tuple[Real, ...] | StanceConfig | None = Field(
         default=None,
-        description="joint position near which the inverse kinematics starts, default: the best of many [rad or m]; "
+        description="joint positions near which the inverse kinematics starts, default: the best of many [rad or m]; "
         "with steps: positions of the feet before the first step [m]",
     )
     lift: Length = Field(default=0.05, description="with steps: height to which a foot is lifted [m]")
     inset: Distance = Field(
         default=0.012,
-        description="with steps: distance at which the centre of mass passes the middle of the standing foot, towards "
-        "the other foot [m]",
+        description="with steps: distance from the middle of the standing foot at which the centre of mass passes it, "
+        "on the side of the other foot [m]",
     )
     pelvis_height: Length | None = Field(
         default=None,

@@ -9,12 +9,12 @@ V = TypeVar("V")
 
 
 def value_of(given: V | Mapping[str, V] | None, names: tuple[str, ...], otherwise: V) -> V:
-    """Return the value of a contact: the one value for all, else by the first of its names, else by `default`.
+    """Return the value of a contact: the common value, else that of its first name that is given, else `default`.
 
     Args:
-        given: one value, values by name, or None.
+        given: one value for all contacts, values by name, or None.
         names: names of the contact, the most specific first.
-        otherwise: the value if none is given.
+        otherwise: the value to return if none is given.
     """
     if given is None:
         return otherwise

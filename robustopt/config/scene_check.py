@@ -24,7 +24,11 @@ OUTLINE_POINTS = 64
 
 
 def check_scene(config: Config) -> Iterator[Finding]:
-    """Yield the mistakes in the places of the objects, whose supports and shapes must be valid."""
+    """Yield the mistakes in the places of the objects.
+
+    Args:
+        config: the configuration; its shapes and supports must be valid.
+    """
     uneven = list(_uneven_bridges(config))
     yield from uneven
     if uneven:
@@ -40,7 +44,12 @@ def check_scene(config: Config) -> Iterator[Finding]:
 
 
 def same_scene(config: Config, other: Config) -> bool:
-    """Return whether two configurations share the sections that `check_scene` reads."""
+    """Return whether two configurations share the sections that `check_scene` reads.
+
+    Args:
+        config: the one configuration.
+        other: the other configuration.
+    """
     return (
         all(config.__dict__[name] is other.__dict__[name] for name in ("tray", "objects", "path", "gravity"))
         and config.contact.patch_points == other.contact.patch_points
@@ -84,7 +93,7 @@ def _off_support(config: Config, placed: dict[str, Placement], contacts: tuple[P
 
 
 def _tipping(config: Config, placed: dict[str, Placement], contacts: tuple[Patch, ...]) -> Iterator[Finding]:
-    """Yield objects that fall over on a level tray at rest, each with everything that it carries."""
+    """Yield the objects that would fall over on a level tray at rest, each together with everything that it carries."""
     if not _level(config):
         return
     for name in config.objects:
@@ -105,7 +114,7 @@ def _tipping(config: Config, placed: dict[str, Placement], contacts: tuple[Patch
 
 
 def _level(config: Config) -> bool:
-    """Return whether every pose of the tray is certainly level: a tray pose with at most a yaw."""
+    """Return whether every pose of the tray is known to be level: a tray pose with no rotation but a yaw."""
     poses = config.path.tray_poses
     upright = config.gravity[:2] == (0.0, 0.0) and config.gravity[2] < 0
     return upright and poses is not None and all(p.quaternion is None and not any((p.rpy or (0, 0))[:2]) for p in poses)

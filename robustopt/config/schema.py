@@ -52,7 +52,12 @@ look for the contact's own name first, then for the object's, then for `default`
 
 
 def sections(model: type[Section] = Config, name: str = "") -> Iterator[tuple[str, type[Section]]]:
-    """Yield all sections with their names, such as `path.tray_poses[]`, in the order of the keys."""
+    """Yield all sections with their names, such as `path.tray_poses[]`, in the order of the keys.
+
+    Args:
+        model: the section to start from.
+        name: name of that section; empty for the whole configuration.
+    """
     yield name, model
     for key, annotation in fields(model).items():
         inner = f"{name}.{key}" if name else key

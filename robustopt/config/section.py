@@ -1,7 +1,6 @@
 """Numbers with their bounds, and the base class of all sections of the configuration.
 
-Lengths, masses and friction are bounded to sizes that a robot can carry, so that no later computation overflows (our
-choice).
+Lengths, masses and friction are bounded generously, so that no later computation overflows (our choice).
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ Interval = tuple[Real, Real]
 
 
 class Section(BaseModel):
-    """Base class of a section: immutable; unknown keys are errors; an empty section has all defaults."""
+    """Base class of a section. It is immutable, refuses unknown keys, and has all defaults if it is empty."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 

@@ -16,14 +16,18 @@ from robustopt.geometry import RESOLUTION, common_direction
 Finding = tuple[Key, str]
 
 POINTS_PER_PHASE = 8
-"""Least number of grid intervals per phase of a path with steps; lifts and landings of feet are grid points."""
+"""Smallest number of grid intervals per phase of a path with steps, in which feet lift and land at grid points."""
 
 PARALLEL = 1e-3
-"""Sine of the angle between two directions below which they count as the same (our choice)."""
+"""Sine of the angle between two directions below which they count as parallel (our choice)."""
 
 
 def check_steps(config: Config) -> Iterator[Finding]:
-    """Yield the mistakes in the steps of a walking robot, and in keys that only a path with steps may have."""
+    """Yield the mistakes in the steps of a walking robot, and keys that require path.steps.
+
+    Args:
+        config: the configuration.
+    """
     if config.path.steps is None:
         yield from _without_steps(config)
         return
@@ -59,7 +63,7 @@ def _beside_steps(config: Config) -> Iterator[Finding]:
         yield ("solver", "collocation_points"), f"{found}; expected at least {least} for this number of steps"
     if config.solver.cost == "effort":
         message = (
-            "found effort with path.steps; expected time or smoothness: the feet may share the torques in many ways"
+            "found effort with path.steps; expected time or smoothness: the feet share the torques in more than one way"
         )
         yield ("solver", "cost"), message
     if len(np.atleast_1d(config.uncertainty.base_acceleration)) not in (1, 6):
@@ -78,11 +82,11 @@ def _steps(config: Config) -> Iterator[Finding]:
         return
     standing = {"left": start.left, "right": start.right}
     if standing["left"][1] <= standing["right"][1]:
-        yield ("path", "start"), "the left foot is not to the left of the right one; expected its y to be the larger"
+        yield ("path", "start"), "the left foot is not to the left of the right foot; expected a larger y"
         return
     for k, step in enumerate(steps):
         if k and step.foot == steps[k - 1].foot:
-            message = f"found {step.foot} as in the step before; expected the feet in turn: join the two steps"
+            message = f"found {step.foot} as in the step before; expected alternating feet: merge the two steps"
             yield ("path", "steps", k, "foot"), message
         if np.linalg.norm(np.subtract(step.to, standing[step.foot])) <= RESOLUTION:
             yield ("path", "steps", k, "to"), f"the {step.foot} foot stands there already; expected another position"

@@ -1,4 +1,4 @@
-"""Conversion of plain values to a `Config`, with all mistakes of a document at once, in words."""
+"""Conversion of plain values to a `Config`, which reports all mistakes of a document at once, in words."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ def validate(document: Document, folder: Path) -> Config:
     """Return the configuration in a document.
 
     Args:
-        document: plain values, and the place of each.
+        document: plain values and their locations.
         folder: folder that relative file names refer to.
 
     Raises:
-        ConfigError: all mistakes, in the order of the document.
+        ConfigError: the document has mistakes; the error lists all of them, in the order of the document.
     """
     data = document.data
     if not isinstance(data, dict):
@@ -69,14 +69,14 @@ def validate(document: Document, folder: Path) -> Config:
 
 
 def with_sections(config: Config, sections: dict[str, Any]) -> Config | None:
-    """Return a copy of a valid configuration with some sections read from plain data.
+    """Return a copy of a valid configuration with some sections replaced from plain data.
 
     Args:
         config: the configuration.
-        sections: data of top-level sections, by key.
+        sections: plain data of top-level sections, by key.
 
     Returns:
-        The copy, or None if `validate` must check the whole: the data are wrong, or no section by themselves.
+        The copy, or None if `validate` must check the whole: the data have mistakes, or are not a section of their own.
     """
     read: dict[str, Any] = {}
     try:
@@ -223,7 +223,7 @@ def _depends(key: Key, bad: Key) -> bool:
 
 
 def _usable(data: dict[str, Any], own: dict[Key, str], folder: Path) -> tuple[Config | None, set[Key]]:
-    """Return a configuration without the parts that are wrong, to check the rest, and the keys that were left out."""
+    """Return a configuration without the wrong parts, to check the rest, and the keys that were left out."""
     left, doubtful, wrong = deepcopy(data), set[Key](), own
     for _ in range(20):
         places = {key: _written(left, key) for key in wrong}

@@ -1,4 +1,4 @@
-"""Types and values of the configuration in words, for error messages and the reference page."""
+"""Descriptions of the types and values of the configuration, for error messages and the reference page."""
 
 from __future__ import annotations
 
@@ -18,13 +18,21 @@ _COUNTS = {2: "two", 3: "three", 4: "four", 6: "six"}
 
 
 def fields(model: type[Section]) -> dict[str, Any]:
-    """Return the annotated types of the keys that a configuration may give in a section, by key."""
+    """Return the annotated types of the keys of a section that a configuration may set, by key.
+
+    Args:
+        model: the section.
+    """
     hints = get_type_hints(model, include_extras=True)
     return {name: hints[name] for name, info in model.model_fields.items() if not info.exclude}
 
 
 def unwrap(annotation: Any) -> tuple[Any, tuple[Any, ...]]:
-    """Return a type without `Annotated`, and its constraints."""
+    """Return the type inside `Annotated`, and the constraints on it.
+
+    Args:
+        annotation: a type, with or without `Annotated`.
+    """
     if get_origin(annotation) is Annotated:
         inner, *notes = get_args(annotation)
         base, more = unwrap(inner)
@@ -38,7 +46,11 @@ def _constraints(notes: Sequence[Any]) -> Iterator[Any]:
 
 
 def choices(annotation: Any) -> tuple[Any, ...]:
-    """Return the alternatives of a union without null, or the type itself."""
+    """Return the alternatives of a union other than None, or the type itself if it is no union.
+
+    Args:
+        annotation: a type.
+    """
     base, notes = unwrap(annotation)
     if get_origin(base) in (Union, types.UnionType):
         return tuple(choice for choice in get_args(base) if choice is not type(None))
@@ -46,7 +58,12 @@ def choices(annotation: Any) -> tuple[Any, ...]:
 
 
 def expected(annotation: Any, constraints: Sequence[Any] = ()) -> str:
-    """Describe a type: `a number above 0, or a mapping of names to numbers above 0`."""
+    """Describe a type: `a number above 0, or a mapping of names to numbers above 0`.
+
+    Args:
+        annotation: the type.
+        constraints: bounds that the field itself adds to its type.
+    """
     options = choices(annotation)
     return ", or ".join(_one(option, constraints if len(options) == 1 else ()) for option in options)
 
@@ -99,34 +116,58 @@ def _number(value: Any) -> str:
 
 
 def meaning(info: FieldInfo) -> str:
-    """Return the description of a field without its unit."""
+    """Return the description of a field without its unit.
+
+    Args:
+        info: the field.
+    """
     return re.sub(r"\s*\[[^\[\]]*\]$", "", info.description or "")
 
 
 def purpose(info: FieldInfo) -> str:
-    """Return the first clause of the description of a field."""
+    """Return the first clause of the description of a field.
+
+    Args:
+        info: the field.
+    """
     return meaning(info).split(";")[0]
 
 
 def unit(info: FieldInfo) -> str:
-    """Return the unit of a field, from the brackets at the end of its description."""
+    """Return the unit of a field, which stands in brackets at the end of its description; empty without one.
+
+    Args:
+        info: the field.
+    """
     found = re.search(r"\[([^\[\]]*)\]$", info.description or "")
     return found[1] if found and "," not in found[1] else ""
 
 
 def in_unit(info: FieldInfo) -> str:
-    """Return ` in metres`, or nothing for a field without a unit."""
+    """Return ` in metres` for a field in metres, and likewise for other units; empty for a field without a unit.
+
+    Args:
+        info: the field.
+    """
     symbol = unit(info)
     return f" in {_UNITS.get(symbol, symbol)}" if symbol else ""
 
 
 def default(info: FieldInfo) -> Any:
-    """Return the default of a field, or None if it must be given."""
+    """Return the default of a field, or None if the field is required.
+
+    Args:
+        info: the field.
+    """
     return None if info.default is PydanticUndefined else info.default
 
 
 def found(value: Any) -> str:
-    """Describe a value that was found, short enough for one line."""
+    """Describe a value, short enough for one line of a message.
+
+    Args:
+        value: the value that was found.
+    """
     if value is None:
         return "nothing"
     if isinstance(value, bool):

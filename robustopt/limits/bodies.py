@@ -47,14 +47,14 @@ class Body:
 
 
 def uncertain_body(name: str, mass: tuple[float, float], arm: Array, inertia: Array, reaches: Array) -> Body:
-    """Return a body from its intervals.
+    """Return a body whose mass and centre of mass lie in intervals.
 
     Args:
         name: name of the body.
         mass: lowest and highest mass [kg].
-        arm: centre of mass (3,) [m].
+        arm: nominal centre of mass (3,) [m].
         inertia: inertia about the centre of mass per unit of mass (3, 3) [m^2].
-        reaches: displacements of the centre of mass, each either way, as columns (3, 3) [m].
+        reaches: largest displacements of the centre of mass, in either direction, as columns (3, 3) [m].
     """
     steps = np.ascontiguousarray(reaches.T)
     psi, linear, remainder = np.zeros(10), np.zeros((3, 10)), np.zeros((6, 10))
@@ -74,7 +74,11 @@ def _product(a: Array, b: Array) -> Array:
 
 
 def inertia_matrix(item: TrayConfig | ObjectConfig) -> Array:
-    """Return the inertia about the centre of mass, axes of the body, (3, 3) [kg m^2]; by default of a uniform body."""
+    """Return the inertia about the centre of mass, axes of the body, (3, 3) [kg m^2].
+
+    Args:
+        item: the tray or an object; without an inertia of its own its density is uniform.
+    """
     if item.inertia is not None:
         matrix = np.zeros((3, 3))
         for value, (i, j) in zip(item.inertia, INERTIA_TERMS, strict=False):
@@ -91,7 +95,9 @@ def inertia_matrix(item: TrayConfig | ObjectConfig) -> Array:
 
 
 def regressor(acceleration: Array, angular: Array) -> Array:
-    """Return Y of w = Y phi without spin: f = m a + alpha x h, tau = h x a + I alpha, with h = m r and I = I_o.
+    """Return the matrix Y of w = Y phi for a body that accelerates but does not spin.
+
+    With h = m r, f = m a + alpha x h and tau = h x a + I_o alpha (Newton and Euler).
 
     Args:
         acceleration: acceleration of the frame's origin minus gravity (..., 3) [m/s^2].
@@ -111,7 +117,14 @@ def regressor(acceleration: Array, angular: Array) -> Array:
 
 
 def spin_regressor(omega: Array) -> Array:
-    """Return what an angular velocity omega (..., 3) adds to Y: f = omega x (omega x h), tau = omega x I omega."""
+    """Return the contribution of an angular velocity to Y: f = omega x (omega x h), tau = omega x I_o omega (Euler).
+
+    Args:
+        omega: angular velocity of the frame (..., 3) [rad/s].
+
+    Returns:
+        Wrench about the origin per inertial parameter (..., 6, 10).
+    """
     Y = np.zeros((*omega.shape[:-1], 6, 10))
     spin = _skews(omega)
     Y[..., :3, 1:4] = spin @ spin

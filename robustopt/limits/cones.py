@@ -16,22 +16,26 @@ from scipy.spatial import ConvexHull, QhullError
 from robustopt.arrays import Array, Flags, Indices
 
 MOST_GENERATORS = 192
-"""Largest number of edges of all friction cones of a patch for which its facets are made: a rectangle with 16 edges has
-588 facets, a round patch of 8 points 1976, the hull of the lips of four cups, 12 points, 5140 in half a second."""
+"""Largest number of friction edges of a patch for which its facets are computed: a rectangle with 16 edges has 588
+facets, a round patch of 8 points 1976, the hull of the lips of four cups, 12 points, 5140 (half a second)."""
 
 FACET_TOLERANCE = 1e-8
 """Fraction of the normal force by which a facet may cut off a generator; the hull code is accurate to about 1e-12."""
 
 FACET_MERGE = 1e-9
-"""Difference of unit normals below which two facets count as one, which the hull code has triangulated."""
+"""Difference of unit normals below which two facets are parts of one facet that the hull code has triangulated."""
 
 ABOVE = np.array([0.0, 0.0, 1.0])
-"""Point above a patch of unit size about which facets are compared, nearer to the centres of mass: with blocks of
-facets that are similar about this point, a third fewer may bind than with blocks similar about the patch's origin."""
+"""Point above a patch of unit size about which facets are compared, near typical centres of mass: with blocks of facets
+that are similar about this point, a third fewer may bind than with blocks that are similar about the patch's origin."""
 
 
 def about_point(point: Array) -> Array:
-    """Return the matrix (6, 6) that turns a wrench about the origin into one about `point` (3,) [m]."""
+    """Return the matrix (6, 6) that turns a wrench about the origin into the same wrench about another point.
+
+    Args:
+        point: the other point (3,) [m].
+    """
     transform, (x, y, z) = np.eye(6), point
     transform[3, 1], transform[3, 2], transform[4, 0] = z, -y, -z
     transform[4, 2], transform[5, 0], transform[5, 1] = x, y, -x
@@ -39,14 +43,23 @@ def about_point(point: Array) -> Array:
 
 
 def into_axes(axes: Array) -> Array:
-    """Return the matrix (6, 6) that expresses a wrench in other axes, given as columns (3, 3)."""
+    """Return the matrix (6, 6) that expresses a wrench in other axes.
+
+    Args:
+        axes: the other axes as columns (3, 3).
+    """
     transform = np.zeros((6, 6))
     transform[:3, :3] = transform[3:, 3:] = axes.T
     return transform
 
 
 def friction_edges(mu: float, edges: int) -> Array:
-    """Return the edges of the inner approximation of a friction cone, unit normal force, first along x, (edges, 3)."""
+    """Return the edges of the inner approximation of a friction cone, each with unit normal force, (edges, 3).
+
+    Args:
+        mu: coefficient of friction.
+        edges: number of edges; the first one lies along x.
+    """
     angle = 2 * np.pi * np.arange(edges) / edges
     return np.array([mu * np.cos(angle), mu * np.sin(angle), np.ones(edges)]).T
 
@@ -88,7 +101,7 @@ class UnitCone:
 
 @lru_cache(maxsize=256)
 def _unit_cone(polygon: tuple[tuple[float, float], ...], edges: int) -> UnitCone | None:
-    """Return the cone of a patch, or None if the hull code gives up or its facets cut off a generator.
+    """Return the cone of a patch, or None if the hull code fails or its facets cut off a generator.
 
     The section f_z = 1 of the cone is the hull of the generators, all of which have f_z = 1.
     """
@@ -102,23 +115,28 @@ def _unit_cone(polygon: tuple[tuple[float, float], ...], edges: int) -> UnitCone
     _, first = np.unique(np.round(facets / FACET_MERGE), axis=0, return_index=True)
     facets = merge_close(facets[np.sort(first)])
     facets /= -facets[:, 2:3]
-    facets = facets[by_likeness(facets @ about_point(-ABOVE), np.arange(len(facets)))]
+    facets = facets[_by_likeness(facets @ about_point(-ABOVE), np.arange(len(facets)))]
     outside = (facets @ generators).max()
     return None if outside > FACET_TOLERANCE else UnitCone(facets, tipping_rows(facets, generators, edges))
 
 
 def merge_close(facets: Array) -> Array:
-    """Return the facets without those that repeat an earlier one to within rounding."""
+    """Return the facets without those that repeat another one to within rounding, sorted.
+
+    Args:
+        facets: rows (F, d).
+    """
     order = np.lexsort(np.round(facets, 6).T)
     facets = facets[order]
     new = np.r_[True, np.abs(np.diff(facets, axis=0)).max(axis=1) > 1e3 * FACET_MERGE]
     return np.asarray(facets[new])
 
 
-def by_likeness(facets: Array, indices: Indices) -> Indices:
-    """Return the indices (k,) in an order in which similar facets (F, d) are neighbours: cut in two, again and again.
+def _by_likeness(facets: Array, indices: Indices) -> Indices:
+    """Return the indices (k,) in an order in which similar facets (F, d) are neighbours, by repeated bisection.
 
-    Each half but the last has a power of two, so the blocks of 2^k that the polygons bound together are such parts.
+    Every part but the last has a power of two of facets, so the blocks of 2^k facets that the polygons bound together
+    are such parts.
     """
     if len(indices) <= 2:
         return indices
@@ -126,14 +144,18 @@ def by_likeness(facets: Array, indices: Indices) -> Indices:
     widest = int(np.argmax(part.max(axis=0) - part.min(axis=0)))
     indices = indices[np.argsort(part[:, widest], kind="stable")]
     half = 1 << (len(indices) - 1).bit_length() - 1
-    return np.concatenate([by_likeness(facets, indices[:half]), by_likeness(facets, indices[half:])])
+    return np.concatenate([_by_likeness(facets, indices[:half]), _by_likeness(facets, indices[half:])])
 
 
 def patch_cone(polygon: Array, edges: int) -> UnitCone | None:
-    """Return the unit cone of a patch (n, 2) about its own origin.
+    """Return the unit cone of a patch, moments about the origin of its plane.
+
+    Args:
+        polygon: corners of the patch (n, 2) [m].
+        edges: number of edges of each friction cone.
 
     Returns:
-        The cone, or None if it has too many generators, and so thousands of facets, or if the hull cannot be resolved.
+        The cone, or None if it has too many generators, and so thousands of facets, or if its hull cannot be computed.
     """
     if len(polygon) * edges > MOST_GENERATORS:
         return None
@@ -144,8 +166,8 @@ def patch_facets(polygon: Array, mu: float, edges: int) -> Array:
     """Return the facets of the wrench cone of a flat patch, moments about the origin of its plane, (F, 6).
 
     The cone scales exactly with the coefficient of friction, A_mu = A_1 diag(1/mu, 1/mu, 1, 1, 1, 1/mu), and with the
-    size of the patch, so one hull serves all. The origin must lie inside the patch; then every facet bounds the normal
-    force from below, and is scaled to a coefficient -1 of it.
+    size of the patch, so one hull serves all (our choice). The origin must lie inside the patch; then every facet
+    bounds the normal force from below, and is scaled so that the coefficient of the normal force is -1.
 
     Args:
         polygon: corners of the patch (n, 2) [m].
@@ -153,7 +175,7 @@ def patch_facets(polygon: Array, mu: float, edges: int) -> Array:
         edges: number of edges of each friction cone.
 
     Raises:
-        QhullError: the hull code fails.
+        QhullError: the convex hull cannot be computed.
     """
     cone = _unit_cone(tuple(map(tuple, np.round(polygon / _size(polygon), 12).tolist())), edges)
     if cone is None:
@@ -178,14 +200,14 @@ def scaled(cone: UnitCone, polygon: Array, mu: float) -> Array:
 
 
 def tipping_rows(rows: Array, generators: Array, edges: int) -> Flags:
-    """Return whether each row (F, d) bounds tipping over contact points, (F,).
+    """Return whether each row bounds tipping over contact points rather than slip, (F,).
 
     A row is the power of a motion of the body. If all friction edges of a contact point lie on it, the motion leaves
-    that point where it is; if only some do, the point slides; the others lift off. A motion in which points lift off
-    and none slide is tipping; everything else is slip, pivoting included.
+    that point in place; if only some do, the point slides; otherwise the point lifts off. Tipping is a motion in which
+    points lift off and none slides. Everything else, including pivoting, is slip (our choice).
 
     Args:
-        rows: the rows.
+        rows: the rows (F, d).
         generators: friction edges (d, k), those of a contact point side by side.
         edges: number of edges of each contact point.
     """

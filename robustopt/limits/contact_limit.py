@@ -1,4 +1,4 @@
-"""The limits of a contact system along the path."""
+"""Limits of a contact system along the path."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ NO_BASE, NO_TERMS = np.zeros((0, 0, 3)), np.zeros((0, 0, 0))
 
 @dataclass(frozen=True, eq=False)
 class ContactLimit:
-    """A contact system and its required wrenches along the path, held to some rows.
+    """A contact system and its required wrenches along the path, with the rows that are imposed on them.
 
     Attributes:
         system: the contact system.
-        loads: its required wrenches.
-        weight: weight that the system carries, of which rows are fractions [N].
-        facets: rows that the limit is held to, as fractions of the weight (F, d).
+        loads: required wrenches of the system.
+        weight: weight that the system carries; rows are fractions of it [N].
+        facets: the rows that are imposed, as fractions of the weight (F, d).
         kinds: index of the name of each row (F,).
         first: first grid point at which the contact exists.
-        last: last one, included; to the end of the grid if negative.
+        last: last grid point at which it exists; negative for the end of the grid.
     """
 
     system: ContactSystem
@@ -38,7 +38,15 @@ class ContactLimit:
 
     @classmethod
     def of(cls, system: ContactSystem, loads: Loads, weight: float, first: int = 0, last: int = -1) -> ContactLimit:
-        """Return the limit with all explicit rows of a system; arguments as the attributes."""
+        """Return the limit with all explicit rows of a system.
+
+        Args:
+            system: the contact system.
+            loads: required wrenches of the system.
+            weight: weight that the system carries [N].
+            first: first grid point at which the contact exists.
+            last: last grid point at which it exists; negative for the end of the grid.
+        """
         return cls(system, loads, weight, system.facets / weight, system.kinds, first, last)
 
     @property
@@ -47,15 +55,25 @@ class ContactLimit:
         return self.system.names
 
     def with_facets(self, facets: Array, kinds: Indices | None = None) -> ContactLimit:
-        """Return the limit held to other rows (F, d); by default the system tells which of its names they have."""
+        """Return the limit with other rows in place of its own.
+
+        Args:
+            facets: the rows, as fractions of the weight (F, d).
+            kinds: index of the name of each row (F,); by default the system classifies them.
+        """
         return replace(self, facets=facets, kinds=self.system.kind_of(facets) if kinds is None else kinds)
 
     def with_more(self, facets: Array, kinds: Indices) -> ContactLimit:
-        """Return the limit held to more rows (F, d) of the given kinds (F,)."""
+        """Return the limit with further rows.
+
+        Args:
+            facets: the rows, as fractions of the weight (F, d).
+            kinds: index of the name of each row (F,).
+        """
         return self.with_facets(np.concatenate([self.facets, facets]), np.concatenate([self.kinds, kinds]))
 
     def with_all_facets(self) -> ContactLimit:
-        """Return the limit held to all explicit rows of its system; a solver may have added only violated ones."""
+        """Return the limit with all explicit rows of its system; a solver may have added only the violated ones."""
         if not self.system.complete or len(self.system.facets) <= len(self.facets):
             return self
         return self.with_facets(self.system.facets / self.weight, self.system.kinds)
@@ -63,8 +81,14 @@ class ContactLimit:
     def cut(self, polygons: Polygons, index: Indices, used: Flags) -> Polygons:
         """Return the polygons cut with the rows; see `Limit`.
 
-        Of an object that a force presses against the tool, peel comes before slip, and twist last. At a wrench that
-        several of them bound alike the first one gives its name: a pull-off is peel, and a slip without twist is slip.
+        For an object that a force presses against the tool, peel is cut before slip, and slip before twist. At a wrench
+        that several of them bound equally, the first one gives its name to the edge: a pull-off is called peel, and a
+        slip without twist is called slip.
+
+        Args:
+            polygons: feasible polygons so far.
+            index: number of each name in the problem.
+            used: which of the names count.
         """
         every = np.ones(len(self.kinds), dtype=bool)
         for rows in [self.kinds == kind for kind in (TIPS, SLIPS, TWIST)] if self.system.pressed else [every]:
@@ -74,7 +98,13 @@ class ContactLimit:
         return polygons
 
     def excess(self, u: Array, x: Array, points: Indices) -> Array:
-        """Return the largest excess of the rows of each name, as a fraction of `capacity`; see `Limit`."""
+        """Return the largest excess of the rows of each name, as a fraction of `capacity`; see `Limit`.
+
+        Args:
+            u: sdd (M,).
+            x: sd^2 (M,).
+            points: grid point of each (M,).
+        """
         values = evaluate(facet_family(self.facets, self.loads, self.kinds), points, u, x)
         most = np.full((len(points), len(self.names)), -np.inf)
         for k in range(len(self.names)):
@@ -88,7 +118,11 @@ class ContactLimit:
         return float(pressing) if pressing > 0.0 else self.weight
 
     def holds_at(self, points: Indices) -> Flags:
-        """Return at which of the grid points (M,) the contact exists, (M,)."""
+        """Return whether the contact exists at grid points, (M,).
+
+        Args:
+            points: the grid points (M,).
+        """
         return np.asarray((points >= self.first) & ((points <= self.last) | (self.last < 0)))
 
     def wrench(self, points: Indices, u: Array, x: Array) -> Array:

@@ -25,22 +25,23 @@ from robustopt.limits.wrenches import Finger, with_forces
 from robustopt.scene.patches import Law, patches
 
 STANDARD_GRAVITY = 9.81
-"""Gravity of the weights that scale contact rows, whatever the configured gravity [m/s^2]."""
+"""Gravity for the weights that scale contact rows, independent of the configured gravity [m/s^2]."""
 
 
 def contact_limits(
     config: Config, track: Track, uncertainty: Uncertainty, laws: Mapping[str, ContactLaw] | None = None
 ) -> tuple[ContactLimit, ...]:
-    """Return the limits of all contacts: of each stance of a walking robot, of the objects, of several hands.
+    """Return the limits of all contacts: each stance of a walking robot, the objects, and several hands on a tray.
 
     Args:
         config: the configuration.
         track: the track.
         uncertainty: the uncertain quantities.
-        laws: laws of a user, by the name of the contact of an object.
+        laws: contact laws from a user, by the name of the contact of an object.
 
     Raises:
-        ConfigError: a law is for a contact that no object has.
+        ConfigError: a law is given for a contact that no object has, or no part of an environment contact is certain.
+        RobotError: a hand reaches beyond the tray, or its force is too small.
     """
     _require_contacts(config, laws or {})
     friction, shift = uncertainty.worst_friction, dict(uncertainty.contact_points)
@@ -48,7 +49,7 @@ def contact_limits(
         *object_systems(config, friction, shift, laws),
         *hand_systems(config, track.robot.hands, friction, shift),
     )
-    return *stance_limits(config, track, uncertainty), *carried_limits(config, track, uncertainty, systems)
+    return *_stance_limits(config, track, uncertainty), *carried_limits(config, track, uncertainty, systems)
 
 
 def _require_contacts(config: Config, laws: Mapping[str, ContactLaw]) -> None:
@@ -57,7 +58,7 @@ def _require_contacts(config: Config, laws: Mapping[str, ContactLaw]) -> None:
         if name not in names:
             known = ", ".join(names)
             raise ConfigError(
-                f"a law is given for {name}, which is no contact of an object; expected {known}", "objects"
+                f"found a law for {name}, which is no contact of an object; expected one of {known}", "objects"
             )
 
 
@@ -66,14 +67,17 @@ def carried_limits(
 ) -> list[ContactLimit]:
     """Return the limits of the contact systems of everything that a robot carries.
 
-    The moments of each object are about the nominal centre of mass of everything that it carries: interval terms are
-    small there.
+    The moments of each object are taken about the nominal centre of mass of everything that it carries, because
+    interval terms are small there (our choice).
 
     Args:
         config: the configuration.
         track: the track.
         uncertainty: the uncertain quantities.
         systems: the contact systems.
+
+    Raises:
+        RobotError: the internal force between two hands uses up the force of a hand.
     """
     everything = {body.name: body for body in uncertainty.bodies}
     found = []
@@ -111,13 +115,13 @@ def _finger(config: Config, name: str) -> Finger | None:
     return Finger(held.tool.finger_mass, pad.origin, pad.axes[:, 2])
 
 
-def stance_limits(config: Config, track: Track, uncertainty: Uncertainty) -> list[ContactLimit]:
+def _stance_limits(config: Config, track: Track, uncertainty: Uncertainty) -> list[ContactLimit]:
     """Return the limit of the environment contacts of each stance."""
     robot, path = track.robot, track.path
     if not path.stances:
         return []
     on_base = _first_rows(track.generalised_force(uncertainty), robot.base)
-    soles = certain_soles(track, uncertainty)
+    soles = _certain_soles(track, uncertainty)
     borders = np.searchsorted(track.s, np.concatenate([[0.0], path.switches, [1.0]])).tolist()
     mass = robot.mass + sum(body.nominal[0] for body in uncertainty.bodies)
     friction, edges = uncertainty.worst_friction, config.contact.cone_edges
@@ -133,7 +137,7 @@ def _first_rows(loads: Loads, count: int) -> Loads:
     return loads._replace(**{name: np.ascontiguousarray(getattr(loads, name)[:, :count]) for name in names})
 
 
-def certain_soles(track: Track, uncertainty: Uncertainty) -> dict[str, Array]:
+def _certain_soles(track: Track, uncertainty: Uncertainty) -> dict[str, Array]:
     """Return the part of each environment contact that is certain, about its centre (k, 2) [m].
 
     Raises:
@@ -158,7 +162,7 @@ def torque_limit(track: Track, uncertainty: Uncertainty, contacts: Sequence[Cont
     stances = tuple(contacts[: len(track.path.stances)])
     return legged_torque(
         track.motion, track.names(LimitKind.TORQUE), robot.limits.torque, robot.chains, robot.base,
-        track.generalised_force(uncertainty), stances, _standing(track, stances), certain_soles(track, uncertainty),
+        track.generalised_force(uncertainty), stances, _standing(track, stances), _certain_soles(track, uncertainty),
         track.x_max,
     )  # fmt: skip
 

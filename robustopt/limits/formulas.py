@@ -1,4 +1,4 @@
-"""Rows with every uncertain quantity at its worst, in numpy: the formula that `cutting` has compiled."""
+"""Rows with every uncertain quantity at its worst, in numpy; `cutting` has the same formula, compiled."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from robustopt.limits.polygons import Loads
 
 
 def evaluate(B: Array, loads: Loads, base: Array, base_terms: Array, u: Array, x: Array) -> Array:
-    """Return the values of rows at (u, x) with every uncertain quantity at its worst: the formula of `polygons`.
+    """Return the values of rows at (u, x) with every uncertain quantity at its worst, by the formula of `polygons`.
 
     Args:
         B: rows (M, F, d) or (F, d).
         loads: required wrenches at M points.
         base: affine part of each row (M, F, 3), or (0, 0, 3) for none.
-        base_terms: share of a row in each constant interval term (M, F, n_c), or (0, 0, 0) for none.
+        base_terms: contribution of each constant interval term to a row (M, F, n_c), or (0, 0, 0) for none.
         u: sdd (M,).
         x: sd^2 (M,).
 
@@ -37,7 +37,7 @@ def evaluate(B: Array, loads: Loads, base: Array, base_terms: Array, u: Array, x
 
 
 def worst_wrench(loads: Loads, y: Array, u: Array, x: Array) -> Array:
-    """Return the wrench for which a row is worst over the box of the uncertain quantities: the argument of `evaluate`.
+    """Return the wrench at which a row is worst over the box of the uncertain quantities; `evaluate` returns its value.
 
     Args:
         loads: required wrenches at M points.

@@ -1,4 +1,4 @@
-"""Generalised force W of the motion of a legged robot, with every uncertain quantity still open.
+"""Generalised force W of the motion of a legged robot, as a function of the uncertain quantities.
 
 W (n,) is affine in (u, x): first the wrench that the environment contacts must supply, about the world's origin, then
 the joint torques without them. An acceleration error e adds M e. A body enters through its ten inertial parameters, as
@@ -44,7 +44,7 @@ def generalised_force(robot: Robot, motion: PathMotion, uncertainty: Uncertainty
 def _bodies(
     robot: Robot, motion: PathMotion, uncertainty: Uncertainty
 ) -> Iterator[tuple[Body, BodyMotion, Array | None]]:
-    """Yield the bodies to add, how they move, and the inertial parameters that the robot's model has for them."""
+    """Yield the bodies to add, their motion, and the inertial parameters that the robot's model has for them."""
     for name, interval, reach in uncertainty.robot_bodies:
         mass, center, inertia = robot.inertia_of(name)
         body = uncertain_body(name, interval or (mass, mass), center, inertia / mass, np.diag(reach))
@@ -57,7 +57,7 @@ def _bodies(
 
 
 def _carrier_motion(motion: PathMotion, base: int) -> BodyMotion:
-    """Return the motion of the carrier frame as that of a body."""
+    """Return the motion of the carrier frame as a body motion."""
     carrier = motion.carrier
     J, R, p = carrier.jacobian, carrier.rotation, carrier.position
     per_u = (J @ motion.q1[:, :, None])[:, :, 0]
@@ -89,7 +89,7 @@ class _Total:
         self._intervals: list[Array] = []
 
     def add(self, body: Body, moving: BodyMotion, nominal: Array | None) -> None:
-        """Add a body; `nominal` (10,) are the inertial parameters that the links have for it already."""
+        """Add a body; `nominal` (10,) are the inertial parameters that the model of the links has for it already."""
         steps = body.linear[np.any(body.linear != 0, axis=1)]
         squares = body.remainder[np.any(body.remainder != 0, axis=1)]
         certain = body.mass[0] == body.mass[1]

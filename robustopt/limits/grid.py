@@ -13,9 +13,14 @@ With 0.45, 200 intervals are within 0.3 % of a fine grid on all waiter tasks; be
 
 
 def gridpoints(path: Path, intervals: int) -> tuple[Array, Indices]:
-    """Return the grid of a path: s (P,) and the piece of each grid point (P,), where P = intervals + pieces.
+    """Return the grid of a path; a stop is a grid point of both pieces that meet there.
 
-    A stop is a grid point of both pieces.
+    Args:
+        path: the path.
+        intervals: number of intervals, shared among the pieces.
+
+    Returns:
+        s of each grid point (P,), and its piece (P,), with P = intervals + pieces.
     """
     lengths = np.diff(path.breaks)
     counts = _apportion(lengths, intervals)

@@ -1,10 +1,9 @@
 """Several hands that hold a tray: one contact system each, for its share of the wrench of everything on the tray.
 
 Each hand presses the tray between a thumb on top and fingers below, like a gripper. The shares are fixed (see
-`robot.hands`), so every hand has explicit rows: a sharing that works is a proof that one exists. A mismatch of the
-hands' positions is an internal force between them, which uses up friction. With the largest one, S, the pads of each
-hand hold as much as they would without it and a closing force less by S / (2 mu), for S acts at the centre of the pads,
-across their normals.
+`robot.hands`), so every hand has explicit rows; one feasible sharing proves that a sharing exists. A mismatch of the
+hands' positions causes an internal force between them, which uses up friction. It acts at the centre of the pads,
+across their normals, so the largest one, S, costs each hand as much as a closing force that is smaller by S / (2 mu).
 """
 
 from __future__ import annotations
@@ -27,11 +26,11 @@ from robustopt.scene.placement import TRAY
 
 
 def hand_patches(config: Config, hands: Sequence[Hand]) -> tuple[Patch, ...]:
-    """Return the patches of the hands that hold a tray: of each the thumb on top, then the fingers below.
+    """Return the patches of the hands that hold a tray: for each hand the thumb on top, then the fingers below.
 
     Args:
         config: the configuration.
-        hands: the hands.
+        hands: the hands of the robot.
 
     Raises:
         RobotError: a pad reaches beyond the tray.
@@ -57,7 +56,7 @@ def _require_on_tray(hand: Hand, hold: HandsConfig, size: Array) -> None:
         x, y = hand.point[:2]
         raise RobotError(
             f"{hand.name}, at [{x:.3f}, {y:.3f}] m on the tray, reaches {1000 * beyond.max():.3g} mm beyond its edge; "
-            "give a larger tray, smaller pads, or another robot.posture",
+            "expected a larger tray, smaller pads, or another robot.posture",
             key="tray.hands.pad",
         )
 
@@ -65,7 +64,17 @@ def _require_on_tray(hand: Hand, hold: HandsConfig, size: Array) -> None:
 def hand_systems(
     config: Config, hands: Sequence[Hand], friction: Mapping[str, float], shift: Mapping[str, float]
 ) -> tuple[ContactSystem, ...]:
-    """Return the contact system of each hand; arguments as of `object_systems`, with the hands of the robot."""
+    """Return the contact system of each hand that holds the tray.
+
+    Args:
+        config: the configuration.
+        hands: the hands of the robot.
+        friction: coefficient of friction by contact.
+        shift: largest displacement of each contact point along x and along y, by contact [m].
+
+    Raises:
+        RobotError: a pad reaches beyond the tray.
+    """
     patches = [eroded(patch, shift.get(patch.name, 0.0)) for patch in hand_patches(config, hands)]
     edges = config.contact.cone_edges
     found = []
@@ -78,15 +87,17 @@ def hand_systems(
 
 
 def hand_force(config: Config, hand: Hand, friction: Mapping[str, float]) -> float:
-    """Return the lowest closing force of a hand, less the part that an internal force uses up [N].
+    """Return the lowest closing force of a hand, minus the part that an internal force uses up [N].
+
+    The internal force S uses up S / (2 mu), see the head of the module (our choice).
 
     Args:
-        config: the configuration.
+        config: the configuration; its tray must have hands.
         hand: the hand.
-        friction: coefficient of friction of each contact by its name.
+        friction: coefficient of friction by contact.
 
     Raises:
-        RobotError: nothing is left of it.
+        RobotError: the internal force uses up the whole closing force.
     """
     hold = config.tray.hands if config.tray is not None else None
     assert hold is not None, "checked when the configuration was read"

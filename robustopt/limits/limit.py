@@ -1,4 +1,4 @@
-"""The contract of a limit: what the problem asks of it, and what a user provides to add one."""
+"""The interface of a limit: the members that a problem uses, and that a user implements to add a limit."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ class Limit(Protocol):
         """Return the feasible polygons, cut with the rows of this limit.
 
         Args:
-            polygons: feasible (u, x) so far, one polygon per grid point; not to be changed.
-            index: number of each of the names in the problem, by which rows are labelled (k,).
+            polygons: feasible (u, x) so far, one polygon per grid point; they must not be changed.
+            index: number of each name of the limit in the problem, which labels its rows (k,).
             used: which of the names count (k,).
         """
 
     def excess(self, u: Array, x: Array, points: Indices) -> Array:
-        """Return by how much the limit is exceeded, as a fraction of it, for the worst uncertain quantities.
+        """Return the excess over the limit, as a fraction of it, for the worst uncertain quantities.
 
         Args:
             u: sdd (M,).
@@ -36,9 +36,9 @@ class Limit(Protocol):
             points: grid point of each (M,).
 
         Returns:
-            Values (M, k) for the k names, at most 0 if the limit is kept; nan if they are not known explicitly.
+            Values (M, k) for the k names, at most 0 if the limit is satisfied; nan if they are not known explicitly.
         """
 
 
 LimitFactory = Callable[[Track], Limit]
-"""Makes a limit from the track: robot, path, grid and motion."""
+"""Function that makes a limit from the track, which holds robot, path, grid and motion."""

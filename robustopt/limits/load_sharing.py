@@ -15,8 +15,8 @@ from robustopt.arrays import Array
 from robustopt.config import FEET
 
 SOFTNESS = 1e-10
-"""The eps of the program, relative to the weight: at the edge of the cone forces miss the wrench by about a
-millionth."""
+"""The eps of the program, relative to the weight: at the edge of the cone the forces miss the wrench by about a
+millionth of the weight."""
 
 LENGTH = 0.1
 """Unit of length of the programs [m]: about half a foot."""
@@ -32,7 +32,11 @@ HAND_SHARE = 0.2
 
 
 def willingness(contact: str) -> float:
-    """Return the a_k of the edges of a contact, a foot or a hand."""
+    """Return the willingness a_k of the friction edges of a contact.
+
+    Args:
+        contact: name of a foot or a hand.
+    """
     return 1.0 if contact in FEET else HAND_SHARE
 
 

@@ -55,7 +55,14 @@ class PathMotion:
 
 
 def path_motion(robot: Robot, q: Array, q1: Array, q2: Array) -> PathMotion:
-    """Return the motion of a robot along a path: coordinates and their derivatives by s, (P, n) each."""
+    """Return the motion of a robot along a path.
+
+    Args:
+        robot: the robot.
+        q: coordinates at the grid points (P, n) [rad or m].
+        q1: derivatives q'(s) (P, n).
+        q2: second derivatives q''(s) (P, n).
+    """
     dynamics = robot.dynamics(q, q1, q2)
     carrier = dynamics.carrier
     return PathMotion(q, q1, q2, dynamics, None if carrier is None else _regressors(carrier, q1, q2))

@@ -1,4 +1,4 @@
-"""Names of limits: of what kind a limit is, and which joint, contact or object it is about."""
+"""Names of limits: the kind of a limit, and the joint, contact or object that it applies to."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from enum import StrEnum
 
 
 class LimitKind(StrEnum):
-    """The kinds of limits that the package knows; a limit of a user may have a kind of its own.
+    """The kinds of limits that the package knows; a user's limit may have a kind of its own.
 
-    The last four occur in certificates alone: of all limits of one contact system, and of a plan as a whole.
+    The last four occur only in certificates: they cover a contact system or a plan as a whole.
     """
 
     VELOCITY = "velocity"
@@ -44,8 +44,8 @@ class LimitName(str):
 
     Attributes:
         kind: a `LimitKind`, or the kind of a user's limit.
-        subject: the joint, the object or the contact that the limit is about.
-        support: what the object is supported or held by, if it is an object.
+        subject: the joint, the object or the contact that the limit applies to.
+        support: the support or tool that carries the object, if the subject is an object.
     """
 
     kind: str

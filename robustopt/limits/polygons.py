@@ -1,17 +1,17 @@
 """Feasible polygons: the exact set of (u, x) that every value of the uncertain parameters allows at a grid point.
 
-At one grid point each limit is a convex function of u = sdd and x = sd^2: the largest, over the box of the
-parameters, of rows that are affine in (u, x). The feasible set is therefore a convex polygon. It is found by
-cutting: start from a polygon, evaluate all rows at its vertices, cut with the row that is violated most there, and
-repeat until no vertex violates anything. Of several hundred facets of a friction cone only the few that bind near
-the polygon are ever made into rows, and the edges of the final polygon are exactly the rows that are not redundant.
+At one grid point each limit is a convex function of u = sdd and x = sd^2: the maximum, over the box of the parameters,
+of rows that are affine in (u, x). The feasible set is therefore a convex polygon. It is found by cutting: start from a
+polygon, evaluate all rows at its vertices, cut with the most violated row, and repeat until no vertex violates a row.
+Of the several hundred facets of a friction cone only the few that bind near the polygon ever become rows, and the edges
+of the final polygon are exactly the rows that are not redundant (our choice).
 
 A row family is, for B (F, d) and a load W that is affine in (u, x),
 
     value_f = base_f + sum_g scale_g(v_fg) v_fg,   v_fg = B_f W_g0 + sum_k |B_f W_gk| + sum_k |B_f| |R_gk|,
 
-where g runs over groups of bodies, scale_g(v) is the group's largest mass where v > 0 and its smallest elsewhere, the
-W_gk are exact interval terms and the R_gk bounded remainders (see `uncertainty`).
+in which g runs over groups of bodies, scale_g(v) is the largest mass of the group if v > 0 and its smallest otherwise,
+the W_gk are exact interval terms, and the R_gk are bounded remainders (see `uncertainty`).
 """
 
 from __future__ import annotations
@@ -28,20 +28,23 @@ from robustopt.limits.cutting import MAX_VERTICES, cut_family, cut_rows, family_
 Array = np.ndarray
 
 ROOM = 16
-"""Vertices that stored polygons have room for at first; waiter tasks need fewer. They get as much as they need."""
+"""Initial room for the vertices of a polygon, which grows if needed; waiter tasks need fewer."""
 
 EDGE_LENGTH = 1e-9
-"""Edges of a feasible polygon shorter than this part of the polygon are rounding errors, not rows."""
+"""Edges of a feasible polygon shorter than this fraction of its size are rounding errors, not rows."""
 
 NO_NAME = -1
-"""Name index of the edges x >= 0 and of the bounds that a polygon starts from."""
+"""Number of the name of the edges x >= 0 and of the bounds of the initial polygon."""
 
 
 class Polygons(NamedTuple):
-    """One polygon per grid point: vertices (u, x) counter-clockwise, and the row of the edge that starts at each.
+    """One polygon per grid point, and the row that each of its edges lies on.
 
-    vertices: (P, V, 2); rows: (P, V, 3), a u + b x + c <= 0; names: (P, V); sizes: (P,), the number of vertices, 0
-    where nothing is feasible. Cutting leaves them as they are and returns new ones.
+    Attributes:
+        vertices: vertices (u, x), counter-clockwise (P, V, 2).
+        rows: row a u + b x + c <= 0 of the edge that starts at each vertex (P, V, 3).
+        names: number of the name of each row (P, V).
+        sizes: number of vertices, 0 if no (u, x) is feasible (P,).
     """
 
     vertices: Array
@@ -51,13 +54,18 @@ class Polygons(NamedTuple):
 
 
 class Loads(NamedTuple):
-    """What the rows of a family multiply, in groups whose mass has one interval each.
+    """The quantities that the rows of a family multiply, in groups; the mass of a group has one interval.
 
-    nominal: W_g0, coefficients of (u, x, 1) last, shape (P, d, G, 3)
-    terms: interval terms W_gk, shape (P, d, n, 3); group: (n,)
-    constant: interval terms that depend on neither u nor x, shape (P, d, n_c); constant_group: (n_c,)
-    remainder: R_gk, shape (P, d, n_r, 3); remainder_group: (n_r,)
-    lowest, highest: mass factors of the groups, (G,)
+    Attributes:
+        nominal: W_g0, coefficients of (u, x, 1) last (P, d, G, 3).
+        terms: interval terms W_gk (P, d, n, 3).
+        group: group of each interval term (n,).
+        constant: interval terms that depend on neither u nor x (P, d, n_c).
+        constant_group: group of each of them (n_c,).
+        remainder: bounded remainders R_gk (P, d, n_r, 3).
+        remainder_group: group of each remainder (n_r,).
+        lowest: smallest mass factor of each group (G,).
+        highest: largest mass factor of each group (G,).
     """
 
     nominal: Array
@@ -71,24 +79,30 @@ class Loads(NamedTuple):
     highest: Array
 
     def middle(self) -> Array:
-        """The load with every parameter at the middle of its interval: coefficients of (u, x, 1), shape (P, d, 3)."""
+        """Return the load with every parameter at the middle of its interval: coefficients of (u, x, 1), (P, d, 3)."""
         middle: Array = np.einsum("pdgk,g->pdk", self.nominal, 0.5 * (self.lowest + self.highest))
         return middle
 
     def at(self, points: Array | slice) -> Loads:
-        """The loads at some of the grid points."""
+        """Return the loads at some of the grid points.
+
+        Args:
+            points: the grid points, indices or a slice.
+        """
         over_points = ("nominal", "terms", "constant", "remainder")
         return self._replace(**{name: getattr(self, name)[points] for name in over_points})
 
 
 class Family(NamedTuple):
-    """Rows over loads: see the head of the module.
+    """Rows over loads; the formula stands at the head of the module.
 
-    B: (1, F, d), or (P, F, d) where the rows differ from point to point, d = 6 per stacked wrench; loads: what they
-        multiply
-    base: affine part of a row by itself, (P, F, 3), or (0, 0, 3) for none
-    base_terms: what each constant interval term of the loads adds to a row by itself, (P, F, n_c), or (0, 0, 0)
-    names: index of each row's name, (F,)
+    Attributes:
+        B: coefficients of the load (1, F, d), or (P, F, d) if the rows differ between grid points; d = 6 for each
+            wrench of a stack.
+        loads: the loads.
+        base: affine part of each row that does not depend on the load (P, F, 3), or (0, 0, 3) for none.
+        base_terms: contribution of each constant interval term to a row beside its load (P, F, n_c), or (0, 0, 0).
+        names: number of the name of each row (F,).
     """
 
     B: Array
@@ -99,12 +113,24 @@ class Family(NamedTuple):
 
 
 def facet_family(facets: Array, loads: Loads, names: Array) -> Family:
-    """The family of rows facets (F, d) that are the same at every grid point and have no part of their own."""
+    """Return the family of rows that are the same at every grid point and have no affine part.
+
+    Args:
+        facets: the rows (F, d).
+        loads: the loads that they multiply.
+        names: number of the name of each row (F,).
+    """
     return Family(np.ascontiguousarray(facets)[None], loads, np.zeros((0, 0, 3)), np.zeros((0, 0, 0)), names)
 
 
 def start(u_bound: Array, x_max: Array, velocity_name: Array) -> Polygons:
-    """Rectangles |u| <= u_bound, 0 <= x <= x_max, both (P,)."""
+    """Return rectangles |u| <= u_bound, 0 <= x <= x_max, one per grid point.
+
+    Args:
+        u_bound: largest |u| (P,).
+        x_max: largest x (P,).
+        velocity_name: number of the name of the limit x <= x_max (P,).
+    """
     points = len(x_max)
     polygons = _empty(points, 4)
     vertices, rows, names = polygons.vertices, polygons.rows, polygons.names
@@ -122,20 +148,35 @@ def start(u_bound: Array, x_max: Array, velocity_name: Array) -> Polygons:
 
 
 def _empty(points: int, room: int) -> Polygons:
-    """Polygons that have no vertices yet; what is beyond the vertices of a polygon means nothing."""
+    """Return polygons without vertices; entries beyond the vertices of a polygon have no meaning."""
     vertices, rows = np.empty((points, room, 2)), np.empty((points, room, 3))
     return Polygons(vertices, rows, np.empty((points, room), dtype=np.int64), np.zeros(points, dtype=np.int64))
 
 
 def cut(polygons: Polygons, family: Family) -> Polygons:
-    """Polygons cut with a family of rows. Raises SolverFailed where one would have more than MAX_VERTICES edges."""
+    """Return the polygons cut with a family of rows.
+
+    Args:
+        polygons: polygons so far, which are not changed.
+        family: the rows.
+
+    Raises:
+        SolverFailed: a polygon would have more than `MAX_VERTICES` edges.
+    """
     return _stored(cut_family, polygons, family) if len(family.names) else polygons
 
 
 def cut_part(polygons: Polygons, family: Family, first: int, last: int) -> Polygons:
-    """Polygons of which those at the grid points `first` to `last`, both included, are cut; all of them if `last` < 0.
+    """Return the polygons, cut with a family of rows at some of the grid points.
 
-    The family is that of all grid points.
+    Args:
+        polygons: polygons so far, which are not changed.
+        family: the rows at all grid points.
+        first: first grid point to cut.
+        last: last grid point to cut; if negative, all of them are cut.
+
+    Raises:
+        SolverFailed: a polygon would have more than `MAX_VERTICES` edges.
     """
     if last < 0 or not len(family.names):
         return cut(polygons, family)
@@ -152,19 +193,35 @@ def cut_part(polygons: Polygons, family: Family, first: int, last: int) -> Polyg
 
 
 def cut_affine(polygons: Polygons, rows: Array, names: Array) -> Polygons:
-    """Polygons cut with rows a u + b x + c <= 0, shape (P, F, 3), of the names (F,)."""
+    """Return the polygons cut with rows a u + b x + c <= 0.
+
+    Args:
+        polygons: polygons so far, which are not changed.
+        rows: a, b and c (P, F, 3).
+        names: number of the name of each row (F,).
+
+    Raises:
+        SolverFailed: a polygon would have more than `MAX_VERTICES` edges.
+    """
     return _stored(cut_rows, polygons, (np.ascontiguousarray(rows), names)) if len(names) else polygons
 
 
 def evaluate(family: Family, points: Array, u: Array, x: Array) -> Array:
-    """Values of a family at (u, x), (M,) each, at grid points (M,) with every parameter at its worst, (M, F)."""
+    """Return the values of a family of rows with every uncertain parameter at its worst, (M, F).
+
+    Args:
+        family: the rows.
+        points: grid points (M,).
+        u: sdd (M,).
+        x: sd^2 (M,).
+    """
     values = np.zeros((len(points), len(family.names)))
     family_values(family, points, u, x, values)
     return values
 
 
 def _stored(kernel: Callable[..., int], polygons: Polygons, limits: Family | tuple[Array, Array]) -> Polygons:
-    """What a kernel makes of the polygons, in as much room as the largest of them needs."""
+    """Return the result of a kernel, with room for its largest polygon."""
     room = max(ROOM, polygons.names.shape[1])
     while True:
         result = _empty(len(polygons.sizes), room)
@@ -177,10 +234,18 @@ def _stored(kernel: Callable[..., int], polygons: Polygons, limits: Family | tup
 
 
 def edge_rows(polygons: Polygons, joints: int, names: int) -> tuple[Array, Array]:
-    """Edges of the polygons as rows (P, m, 3), and the index of the name of each column (m,).
+    """Return the edges of the polygons as rows.
 
-    The columns of one name are as many as one grid point needs at most; columns that a point does not need hold
-    always. Names below `joints` are those of velocity bounds, which are no rows.
+    A name has as many columns as one grid point needs at most. A column that a grid point does not need holds a row
+    that is always satisfied.
+
+    Args:
+        polygons: the polygons.
+        joints: names below this number are velocity bounds, which become no rows.
+        names: number of names.
+
+    Returns:
+        Rows (P, m, 3), and the number of the name of each column (m,).
     """
     slots, width = _edge_slots(polygons.vertices, polygons.names, polygons.sizes, joints, names)
     first = np.cumsum(width) - width
@@ -192,8 +257,11 @@ def edge_rows(polygons: Polygons, joints: int, names: int) -> tuple[Array, Array
 
 @compiled()
 def _edge_slots(vertices, edge_names, count, joints, names):
-    """Number of each edge among the edges of its name at its grid point; -1 for what is no row, (P, V); and how many
-    edges of each name a grid point has at most (names,)."""
+    """Return the number of each edge among the edges of its name, and the number of edges per name.
+
+    Edges that are no rows have number -1, (P, V). The second array is the largest number of edges at one grid point for
+    each name, (names,).
+    """
     slots, width = np.full(edge_names.shape, -1), np.zeros(names, np.int64)
     used = np.zeros(names, np.int64)
     for i in range(len(count)):

@@ -1,8 +1,8 @@
 """Time-scaling problem: rows a u + b x + c <= 0 at every grid point, each with its name.
 
 x = sd^2 at the grid points, piecewise linear in s; u = sdd, constant on each interval, x_{i+1} = x_i + 2 ds_i u_i. The
-control of an interval satisfies the rows at both of its ends. Where the robot stops, the grid point is doubled: the
-second one starts the next piece of the path, x = 0 at both, and the interval between them has no length.
+control of an interval satisfies the rows at both of its ends. At a stop the grid point is doubled: the second
+one starts the next piece of the path, x = 0 at both, and the interval between them has no length.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from robustopt.path import Path, build_path
 from robustopt.robot import Robot, load_robot
 
 WITHOUT_LIMIT = 1e3
-"""A problem without its joint acceleration limits still bounds |u|, but by this factor further out."""
+"""Without joint acceleration limits a problem still bounds |u|, by this multiple of the usual bound."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,11 +75,19 @@ class Limits:
         return (*self.contacts, self.torque, *self.others)
 
     def index(self, limit: Limit) -> Indices:
-        """Return the number of each name of a limit among all names."""
+        """Return the number of each name of a limit among the names of all limits.
+
+        Args:
+            limit: the limit.
+        """
         return np.array([self.names.index(name) for name in limit.names], dtype=np.int64)
 
     def start(self, counts: Flags) -> Polygons:
-        """Return the polygons of the joint velocity limits and of the acceleration limits that count."""
+        """Return the polygons of the joint velocity and joint acceleration limits.
+
+        Args:
+            counts: whether each limit in `names` counts; velocity limits always do.
+        """
         track, error, n = self.track, self.uncertainty.error, self.track.robot.n
         joint = np.tile(np.arange(n), 2)
         used = counts[n + joint]
@@ -145,34 +153,60 @@ class TimeScalingProblem:
         return self.limits.torque.reference
 
     def with_contacts(self, contacts: Sequence[ContactLimit]) -> TimeScalingProblem:
-        """Return the same problem with other limits of its contact systems."""
+        """Return the same problem with other limits of its contact systems.
+
+        Args:
+            contacts: one limit for each contact system.
+        """
         return _with_rows(replace(self, limits=replace(self.limits, contacts=tuple(contacts))))
 
     def with_facets(self, facets: Sequence[Array]) -> TimeScalingProblem:
-        """Return the same problem with other rows of its contact systems, (F, d) each."""
+        """Return the same problem with other rows of its contact systems.
+
+        Args:
+            facets: rows of each contact system, as fractions of its weight, (F, d) each.
+        """
         pairs = zip(self.limits.contacts, facets, strict=True)
         return self.with_contacts([limit.with_facets(rows) for limit, rows in pairs])
 
     def with_torque(self, torque: TorqueLimit) -> TimeScalingProblem:
-        """Return the same problem with other rows of its joint torques."""
+        """Return the same problem with other torque limits.
+
+        Args:
+            torque: the torque limits.
+        """
         return _with_rows(replace(self, limits=replace(self.limits, torque=torque)))
 
     def with_reference(self, reference: Array) -> TimeScalingProblem:
-        """Return the same problem with the viscous torque linearised about x = reference (P,)."""
+        """Return the same problem with the viscous torque linearised about another x.
+
+        Args:
+            reference: the x (P,), nan for none.
+        """
         return self.with_torque(self.limits.torque.with_reference(reference))
 
     def only(self, names: Collection[str]) -> TimeScalingProblem:
-        """Return the same problem with the limits of the given names alone; joint velocity always stays."""
+        """Return the same problem with some of its limits; joint velocity limits always stay.
+
+        Args:
+            names: names of the limits to keep.
+        """
         return _with_rows(replace(self, kept=frozenset(names)))
 
     def counts(self, index: Indices) -> Flags:
-        """Return whether the limits with these numbers in `limits.names` count, (k,)."""
+        """Return whether limits count, (k,).
+
+        Args:
+            index: numbers of the limits in `limits.names` (k,).
+        """
         if self.kept is None:
             return np.ones(len(index), dtype=bool)
         return np.array([self.limits.names[k] in self.kept for k in index], dtype=bool)
 
     def torque_excess(self, u: Array, x: Array, points: Indices) -> float:
-        """Return the largest part of a torque limit by which the exact torque exceeds it, for any uncertain quantity.
+        """Return the largest excess of a joint torque over its limit, relative to it, over all uncertain quantities.
+
+        The torque is the exact one, without linearisation.
 
         Args:
             u: sdd (M,).
@@ -197,7 +231,7 @@ def build_problem(
 ) -> TimeScalingProblem:
     """Return the time-scaling problem of a configuration.
 
-    A problem without a solution is no error here: the status of the plan tells.
+    A problem without a solution is not an error here; the status of its plan shows it.
 
     Args:
         config: the configuration.
@@ -213,13 +247,31 @@ def build_problem(
 
 
 def track_of(config: Config) -> Track:
-    """Return the track of a configuration; errors as of `build_problem`."""
+    """Return the track of a configuration.
+
+    Args:
+        config: the configuration.
+
+    Raises:
+        ConfigError: the configuration cannot be used.
+        RobotError: its robot cannot be used.
+        PathError: its path cannot be followed.
+    """
     robot = load_robot(config)
     return build_track(config, robot, build_path(config, robot))
 
 
 def build_rows(config: Config, robot: Robot, path: Path) -> TimeScalingProblem:
-    """Return the problem of a configuration with a given robot and path."""
+    """Return the problem of a configuration with a given robot and path.
+
+    Args:
+        config: the configuration.
+        robot: the robot.
+        path: the path.
+
+    Raises:
+        ConfigError: the configuration does not fit the robot.
+    """
     return rows_along(build_track(config, robot, path), config)
 
 
@@ -233,9 +285,12 @@ def rows_along(
 
     Args:
         track: robot, path and grid.
-        config: the configuration, with the same robot, path and number of collocation points.
+        config: the configuration; its robot, path and number of collocation points must be those of the track.
         limits: further limits, each made from the track.
         laws: contact laws in place of the configured ones, by the name of the contact of an object.
+
+    Raises:
+        ConfigError: the configuration does not fit the robot, or a law is given for a contact that no object has.
     """
     uncertainty = uncertainty_of(config, track.robot.n, track.robot.base)
     contacts = contact_limits(config, track, uncertainty, laws)

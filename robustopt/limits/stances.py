@@ -2,8 +2,8 @@
 
 A stance is a phase of the path in which the same contacts rest in the same places: one foot or both, and a hand on a
 rail. The held body is the floating base; its required wrench, about the world's origin, must lie in the cone of all
-contact forces. There is a direction along which all these forces have a positive part: up for level soles. The facets
-of the cone follow from the hull of its section by unit force in this direction.
+contact forces. There is a direction along which all these forces have a positive component: up for level soles. The
+facets of the cone follow from the hull of its section by unit force in this direction.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ def eroded_sole(points: Array, shift: float, name: str) -> Array:
     """Return the part of a foot's or hand's contact that is certain.
 
     Args:
-        points: contact points (k, 3) [m].
-        shift: largest distance of each from its nominal position along x and along y [m].
+        points: contact points in the frame of the contact (k, 3) [m].
+        shift: largest displacement of each point from its nominal position along x and along y [m].
         name: name of the contact.
 
     Returns:
         Corners (k, 2) [m].
 
     Raises:
-        ConfigError: nothing is left.
+        ConfigError: no part is certain.
     """
     polygon = points[:, :2]
     left = erode(polygon, shift)
@@ -111,8 +111,8 @@ def _rows(array: Array) -> Rows:
 def _joint_facets(contacts: tuple[Key, ...], edges: int) -> Array:
     """Return the facets of several contacts, moments about a point between them, (F, 6).
 
-    They are scaled to -1 for the mean of all edge forces, whose part along the common direction is 1: for level soles
-    to a coefficient -1 of the normal force, like the facets of one patch.
+    They are scaled to -1 for the mean of all edge forces, each with a component of 1 along the common direction. For
+    level soles this is a coefficient -1 of the normal force, as for the facets of one patch.
 
     Raises:
         ValueError: there is no common direction.

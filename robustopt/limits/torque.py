@@ -5,10 +5,10 @@ force of the motion for a legged robot, less J^T of the wrench of its contact if
 share the wrench: rows for the joints between them are found by programs (`solvers.sharing`).
 
 Joint friction adds a viscous part D q' sqrt(x), which is replaced by its tangent at a reference x_r,
-D q' (sqrt(x_r) / 2 + x / (2 sqrt(x_r))). If friction resists, the tangent is an upper bound of a concave function,
-hence sound; if it helps, it is not, so a plan counts as solved only once its exact torque has been checked. Both are
-exact at x_r, and the reference follows the plan until they agree. Without a reference the chord over [0, x_top] stands
-in: a first guess, which is final if no torque row binds.
+D q' (sqrt(x_r) / 2 + x / (2 sqrt(x_r))) (our choice). If friction resists the motor, the tangent is an upper bound of a
+concave function, hence sound. If friction helps, it is not, so a plan counts as solved only once its exact torque has
+been checked. The tangent is exact at x_r, and the reference follows the plan until the two agree. Without a reference
+the chord over [0, x_top] is used: a first guess, which is final if no torque row binds.
 """
 
 from __future__ import annotations
@@ -27,22 +27,23 @@ from robustopt.limits.polygons import Family, Loads, Polygons
 from robustopt.robot import Dynamics, JointLimits
 
 DIRECTION_TOLERANCE = 1e-9
-"""A joint slower than this part of the fastest joint's rate counts as at rest: dry friction takes both signs."""
+"""A joint slower than this fraction of the fastest joint counts as at rest: its dry friction takes both signs."""
 
 SLOWEST_REFERENCE = 1e-12
-"""Smallest x, as a part of what joint velocity allows, about which viscous torque is linearised: the tangent of a root
-is ever steeper towards 0, and here its error is below a millionth of the viscous torque at full speed."""
+"""Smallest x, as a fraction of the largest that the joint velocities allow, about which viscous torque is linearised.
+The tangent of a root gets ever steeper towards 0; here its error is below a millionth of the viscous torque at full
+speed."""
 
 
 @dataclass(frozen=True, eq=False)
 class SharedRow:
-    """A row over the generalised force at one grid point, for every sharing of the wrench between contacts.
+    """A row over the generalised force at one grid point that holds for every sharing of the wrench between contacts.
 
     Attributes:
         point: the grid point.
         row: coefficients (n,).
-        constant: constant; row @ W + constant <= 0.
-        joint: the joint that the row is named after.
+        constant: constant of row @ W + constant <= 0.
+        joint: index of the joint that the row is named after.
     """
 
     point: int
@@ -53,16 +54,16 @@ class SharedRow:
 
 @dataclass(frozen=True, eq=False)
 class Sharing:
-    """How the torques of a legged robot depend on its environment contacts.
+    """Dependence of the torques of a legged robot on its environment contacts.
 
     Attributes:
         loads: generalised force of the motion.
-        known: whether a joint's torque does not depend on how contacts share the wrench (P, n).
+        known: whether a joint torque is independent of how the contacts share the wrench (P, n).
         contacts: limit of each stance.
-        standing: index of the stance of each grid point (P,), at a switch of the one with fewer contacts.
+        standing: index of the stance of each grid point (P,); at a switch, of the stance with fewer contacts.
         dynamics: dynamics along the path.
         limit: largest torque of each coordinate (n,) [N m].
-        soles: contact points of each contact that the planner counts on, about its centre (k, 2) [m].
+        soles: certain contact points of each contact, about its centre (k, 2) [m].
         rows: rows found so far.
     """
 
@@ -76,7 +77,11 @@ class Sharing:
     rows: tuple[SharedRow, ...] = ()
 
     def parts(self, stance: int) -> dict[str, slice]:
-        """Return which generators of a stance are those of each of its contacts."""
+        """Return the generators of each contact of a stance, as slices by contact.
+
+        Args:
+            stance: index of the stance.
+        """
         system = self.contacts[stance].system
         parts, first = {}, 0
         for name in system.interfaces:
@@ -86,7 +91,12 @@ class Sharing:
         return parts
 
     def family(self, used: Flags, index: Indices) -> Family | None:
-        """Return the rows of the joints that are used as a family, in as few columns as one joint and point need."""
+        """Return the rows found so far as a family with as few columns as possible; None without a row.
+
+        Args:
+            used: whether the limit of each joint counts (n,).
+            index: number of the name of each joint's limit (n,).
+        """
         rows = [row for row in self.rows if used[row.joint]]
         if not rows:
             return None
@@ -116,19 +126,20 @@ def _always(points: int, count: int) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class TorqueLimit:
-    """The limits of the joint torques, rows divided by their limits: first +tau_j, then -tau_j.
+    """The limits of the joint torques. Rows are divided by their limits; those of +tau come first, then those of -tau.
 
     Attributes:
-        names: of the limits (n,).
-        B: rows over the required wrench (P, 2n, d), 0 for torques that depend on how contacts share it.
+        names: names of the limits (n,).
+        B: rows over the required wrench (P, 2n, d); 0 for torques that depend on how contacts share it.
         loads: the required wrench.
-        base: affine part: links, dry friction and limit (P, 2n, 3).
-        base_terms: share of a row in each constant interval term of the wrench, (P, 2n, n_c), or (0, 0, 0) for none.
+        base: affine part of the rows: links, dry friction and limit (P, 2n, 3).
+        base_terms: contribution of each constant interval term of the wrench to a row (P, 2n, n_c), or (0, 0, 0) for
+            none.
         viscous: coefficient of sqrt(x) (P, 2n).
         limited: which rows have a finite limit (2n,).
         x_top: largest x that the joint velocities allow (P,).
         reference: x about which the viscous torque is linearised (P,), nan for none.
-        sharing: how contacts share the wrench, None for an arm.
+        sharing: sharing of the wrench between contacts; None for an arm.
     """
 
     names: tuple[LimitName, ...]
@@ -143,20 +154,39 @@ class TorqueLimit:
     sharing: Sharing | None = None
 
     def carrying(self, payload: Loads, base_terms: Array) -> TorqueLimit:
-        """Return the same limits with another payload, and other acceleration errors about the same middle."""
+        """Return the same limits with another payload and other half-widths of the acceleration error.
+
+        Args:
+            payload: required wrench of the payload.
+            base_terms: contribution of each constant interval term to a row (P, 2n, n_c).
+        """
         return replace(self, loads=payload, base_terms=base_terms)
 
     def with_reference(self, reference: Array) -> TorqueLimit:
-        """Return the same limits with the viscous torque linearised about x = reference (P,)."""
+        """Return the same limits with the viscous torque linearised about another x.
+
+        Args:
+            reference: the x (P,), nan for none.
+        """
         return replace(self, reference=reference)
 
     def with_rows(self, rows: Sequence[SharedRow]) -> TorqueLimit:
-        """Return the same limits with more rows of shared wrenches."""
+        """Return the same limits with further rows of shared wrenches.
+
+        Args:
+            rows: the rows; the robot must be a legged one.
+        """
         assert self.sharing is not None
         return replace(self, sharing=replace(self.sharing, rows=(*self.sharing.rows, *rows)))
 
     def cut(self, outline: Polygons, index: Indices, used: Flags) -> Polygons:
-        """Return the polygons cut with the rows; see `Limit`."""
+        """Return the polygons cut with the rows; see `Limit`.
+
+        Args:
+            outline: feasible polygons so far.
+            index: number of each name in the problem (n,).
+            used: which of the names count (n,).
+        """
         chosen = np.tile(used, 2) & self.limited
         B, base, terms = self.B, self.base_at(self.reference, self.x_top), self.base_terms
         if not chosen.all():
@@ -167,7 +197,14 @@ class TorqueLimit:
         return outline if shared is None else polygons.cut(outline, shared)
 
     def base_at(self, reference: Array, x_top: Array) -> Array:
-        """Return the affine rows with the viscous part linearised about a reference (P,), nan for none, (P, 2n, 3)."""
+        """Return the affine part of the rows with the viscous torque linearised, (P, 2n, 3).
+
+        The tangent at the reference, or the chord over [0, x_top] without one (our choice); see the head of the module.
+
+        Args:
+            reference: x about which the viscous torque is linearised (P,), nan for none.
+            x_top: largest x that the joint velocities allow (P,).
+        """
         base = self.base.copy()
         if np.isnan(reference).all():
             base[:, :, 1] += self.viscous / np.sqrt(x_top)[:, None]
@@ -182,16 +219,27 @@ class TorqueLimit:
         return base
 
     def nominal(self, joint: int) -> tuple[Array, Array]:
-        """Return the torque of a joint as a fraction of its limit: coefficients of (u, x, 1) (P, 3), of sqrt(x) (P,).
+        """Return the torque of a joint as a fraction of its limit.
 
-        The mean of a joint's two rows drops the limit and keeps the part that changes its sign with the torque.
+        In half the difference of a joint's two rows the limit cancels.
+
+        Args:
+            joint: index of the joint.
+
+        Returns:
+            Coefficients of (u, x, 1) (P, 3), and of sqrt(x) (P,).
         """
         n = self.B.shape[1] // 2
         rows = np.einsum("pfd,pdk->pfk", self.B, self.loads.middle()) + self.base
         return 0.5 * (rows[:, joint] - rows[:, n + joint]), self.viscous[:, joint]
 
     def torques(self, u: Array, x: Array) -> Array:
-        """Return the nominal torques at the grid points as fractions of the limits, joint friction included, (P, n)."""
+        """Return the nominal torques at the grid points as fractions of the limits, joint friction included, (P, n).
+
+        Args:
+            u: sdd (P,).
+            x: sd^2 (P,).
+        """
         columns = []
         for joint in range(self.B.shape[1] // 2):
             coefficients, viscous = self.nominal(joint)
@@ -200,7 +248,13 @@ class TorqueLimit:
         return np.stack(columns, axis=1)
 
     def sides(self, u: Array, x: Array, points: Indices) -> Array:
-        """Return the excess of +tau and of -tau over its limit with the exact viscous part, (M, 2n); see `excess`."""
+        """Return the excess of +tau and of -tau over its limit with the exact viscous torque, (M, 2n); see `excess`.
+
+        Args:
+            u: sdd (M,).
+            x: sd^2 (M,).
+            points: grid point of each (M,).
+        """
         family = Family(self.B, self.loads, self.base, self.base_terms, np.arange(self.B.shape[1]))
         values = polygons.evaluate(family, points, u, x)
         values += self.viscous[points] * np.sqrt(np.maximum(x, 0.0))[:, None]
@@ -209,7 +263,13 @@ class TorqueLimit:
         return np.where(np.tile(self.sharing.known[points], 2), values, np.nan)
 
     def excess(self, u: Array, x: Array, points: Indices) -> Array:
-        """Return the largest torque over all uncertain quantities as a fraction of its limit, minus 1; see `Limit`."""
+        """Return the largest torque over all uncertain quantities as a fraction of its limit, minus 1; see `Limit`.
+
+        Args:
+            u: sdd (M,).
+            x: sd^2 (M,).
+            points: grid point of each (M,).
+        """
         n = self.B.shape[1] // 2
         values = self.sides(u, x, points)
         return np.maximum(values[:, :n], values[:, n:])
@@ -254,7 +314,14 @@ def _both(array: Array) -> Array:
 
 
 def own_inertia_terms(motion: PathMotion, limits: JointLimits, loads: Loads, radius: Array) -> Array:
-    """Return what the links' own inertia adds to each constant interval term of the torque rows, (P, 2n, n_c)."""
+    """Return the contribution of the inertia of the links to the constant interval terms of the rows, (P, 2n, n_c).
+
+    Args:
+        motion: motion along the path.
+        limits: limits of the joints.
+        loads: required wrench of the payload.
+        radius: half-width of the acceleration error (n,) [rad/s^2 or m/s^2].
+    """
     erring, n = np.flatnonzero(radius), motion.q1.shape[1]
     terms = np.zeros((len(motion.q1), 2 * n, len(loads.constant_group)))
     terms[:, :n, : len(erring)] = motion.dynamics.mass_matrix[:, :, erring] * radius[erring] / limits.torque[:, None]

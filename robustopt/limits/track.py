@@ -1,7 +1,7 @@
-"""Track: the grid along a path, and everything that robot and path alone decide of a problem.
+"""Track: the grid along a path, and the parts of a problem that depend on robot and path alone.
 
-Problems that differ in their uncertain quantities share a track, and the parts that they have in common are kept: each
-kind of result under the uncertain quantities that it depends on.
+Problems that differ only in their uncertain quantities share a track. It keeps the results that they have in common,
+each under the uncertain quantities that it depends on.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ from robustopt.robot import JointLimits, Robot
 Value = TypeVar("Value")
 
 LEAST_RATE = 1e-3
-"""Where q' vanishes, sd and sdd are bounded as if it were this part of its largest value, far beyond what other grid
-points and the bend q'' leave of them."""
+"""If q' vanishes at a grid point, sd and sdd are bounded as if q' had this fraction of its largest value, far beyond
+the values that other grid points and the curvature q'' allow."""
 
 MOST_KEPT = 16
-"""Results that a track keeps of each kind: enough for problems that differ in their friction alone."""
+"""Number of results of each kind that a track keeps: enough for problems that differ only in friction."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,11 @@ class Track:
     _lock: Lock = field(default_factory=Lock, repr=False)
 
     def names(self, kind: LimitKind) -> tuple[LimitName, ...]:
-        """Return the names of a kind of joint limit (n,)."""
+        """Return the names of the limits of one kind, one for each joint (n,).
+
+        Args:
+            kind: velocity, acceleration or torque.
+        """
         return tuple(LimitName(kind, joint) for joint in self.robot.joint_names)
 
     @cached_property
@@ -75,7 +79,13 @@ class Track:
         return tuple(names[k] for k in self.fastest)
 
     def loads(self, carried: Sequence[Sequence[Body]], about: Sequence[Array], error: AccelerationError) -> Loads:
-        """Return the required wrenches of stacked objects; see `body_loads`."""
+        """Return the required wrenches of stacked objects; see `body_loads`.
+
+        Args:
+            carried: for each object the bodies that it carries, itself included.
+            about: reference point of the moments of each object, carrier frame (3,) [m].
+            error: acceleration error.
+        """
         if not any(carried):
             return no_wrench(len(self.s), 6 * len(carried))
         erring = any(map(np.any, error.arrays))
@@ -87,12 +97,21 @@ class Track:
         return self._once("loads", key, lambda: body_loads(carried, about, *error.arrays, wrenches_of))
 
     def generalised_force(self, uncertainty: Uncertainty) -> Loads:
-        """Return the generalised force of the motion of a legged robot."""
+        """Return the generalised force of the motion of a legged robot.
+
+        Args:
+            uncertainty: the uncertain quantities.
+        """
         key = (uncertainty.robot_bodies, uncertainty.bodies, uncertainty.error, uncertainty.squeeze)
         return self._once("force", key, lambda: generalised_force(self.robot, self.motion, uncertainty))
 
     def payload_torque(self, payload: Loads, error: AccelerationError) -> TorqueLimit:
-        """Return the torque limits of an arm with a payload."""
+        """Return the torque limits of an arm with a payload.
+
+        Args:
+            payload: required wrench of the payload about the carrier's origin.
+            error: acceleration error.
+        """
         motion, limits, names = self.motion, self.robot.limits, self.names(LimitKind.TORQUE)
         limit = self._once(
             "torque", error.middle, lambda: payload_torque(motion, names, limits, payload, error.arrays, self.x_max)
@@ -102,23 +121,35 @@ class Track:
         return limit.carrying(payload, terms)
 
     def acceleration(self, error: AccelerationError) -> Array:
-        """Return the rows of the joint acceleration limits, (P, 2n, 3)."""
+        """Return the rows of the joint acceleration limits, (P, 2n, 3).
+
+        Args:
+            error: acceleration error.
+        """
         return self._once(
-            "acceleration", error, lambda: acceleration_rows(self.motion, self.robot.limits, *error.arrays)
+            "acceleration", error, lambda: _acceleration_rows(self.motion, self.robot.limits, *error.arrays)
         )
 
     def outline(self, error: AccelerationError) -> Polygons:
-        """Return rectangles that hold every (u, x) of the acceleration limits, twice as wide as they need to be."""
+        """Return rectangles that contain every (u, x) within the acceleration limits, twice as wide as necessary.
+
+        Args:
+            error: acceleration error.
+        """
         return self._once("outline", error.middle, lambda: _outline(self, error.arrays[0]))
 
     def joint_polygons(self, error: AccelerationError) -> Polygons:
-        """Return the outline cut with the rows of the joint acceleration limits, which are numbered n + joint."""
+        """Return the outline cut with the rows of the joint acceleration limits, whose names are numbered n + joint.
+
+        Args:
+            error: acceleration error.
+        """
         names = self.robot.n + np.tile(np.arange(self.robot.n), 2)
         rows = self.acceleration(error)
         return self._once("joint polygons", error, lambda: cut_affine(self.outline(error), rows, names))
 
     def _once(self, kind: str, key: Hashable, make: Callable[[], Value]) -> Value:
-        """Return a result that may be at hand; two threads may make it at the same time, alike."""
+        """Return a kept result, or make and keep it; two threads may make the same result at the same time."""
         kept = self._kept.setdefault(kind, {})
         found: Value | None = kept.get(key)
         if found is None:
@@ -131,7 +162,13 @@ class Track:
 
 
 def build_track(config: Config, robot: Robot, path: Path) -> Track:
-    """Return the track of a path, with the configured number of intervals."""
+    """Return the track of a path.
+
+    Args:
+        config: the configuration, for the number of grid intervals.
+        robot: the robot.
+        path: the path.
+    """
     s, piece = gridpoints(path, config.solver.collocation_points)
     for switch in path.switches:  # the limits on both sides of it hold there
         s[1 + np.argmin(np.abs(s[1:-1] - switch))] = switch
@@ -144,7 +181,7 @@ def build_track(config: Config, robot: Robot, path: Path) -> Track:
     return Track(robot, path, s, piece, rest, motion, *_velocity_bound(q1, robot.limits.velocity))
 
 
-def acceleration_rows(motion: PathMotion, limits: JointLimits, middle: Array, radius: Array) -> Array:
+def _acceleration_rows(motion: PathMotion, limits: JointLimits, middle: Array, radius: Array) -> Array:
     """Return the rows +-(q' u + q'' x + middle) + radius <= limit, divided by the limit, (P, 2n, 3)."""
     rows = np.stack([motion.q1, motion.q2, np.broadcast_to(middle, motion.q1.shape)], axis=2)
     rows = np.concatenate([rows, -rows], axis=1)

@@ -1,10 +1,10 @@
 """Uncertain quantities: one value that holds every interval a plan must survive.
 
 Friction, contact points, pressing forces, masses, centres of mass, and the error of the executed acceleration are each
-given as an interval. Less friction is always worse, and less force too: more of it can squeeze the part evenly, which
-is a wrench of nothing. The acceleration error e adds the columns of a Jacobian to the
-acceleration and is exact for bodies of known centre of mass; its product with a displacement of the centre of mass is
-bounded term by term.
+given as an interval. Less friction is always worse, and so is less pressing force: the excess of a larger force can
+squeeze the part evenly, which is a wrench of zero. The acceleration error e adds the columns of a Jacobian to the
+acceleration. Its effect is exact for bodies with a known centre of mass; its product with a displacement of the centre
+of mass is bounded term by term.
 """
 
 from __future__ import annotations
@@ -43,14 +43,15 @@ class AccelerationError:
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """All uncertain quantities of a problem; equal values have equal problems, so it can be the key of a cache.
+    """All uncertain quantities of a problem. Equal values mean equal problems, so an instance can be a cache key.
 
     Attributes:
-        friction: lowest and highest coefficient of friction by contact.
-        contact_points: largest distance of each contact point from its place along x and y, by contact [m].
+        friction: lowest and highest coefficient of friction, by contact.
+        contact_points: largest displacement of each contact point along x and along y, by contact [m].
         forces: lowest and highest force that presses an object against the tool, by object [N].
         bodies: the tray and the objects.
-        robot_bodies: mass interval (None for the model's) and reach of the centre of mass of bodies of the robot.
+        robot_bodies: name, mass interval (None for the mass of the model) and largest displacement of the centre of
+            mass of each uncertain body of the robot.
         error: acceleration error.
         squeeze: largest internal force between two hands that hold the tray [N].
     """
@@ -75,10 +76,10 @@ def uncertainty_of(config: Config, coordinates: int, base: int) -> Uncertainty:
     Args:
         config: the configuration.
         coordinates: number of coordinates of the robot.
-        base: how many of them are those of a floating base.
+        base: number of these that belong to a floating base, 0 for an arm.
 
     Raises:
-        ConfigError: the number of values of the acceleration error is not that of the joints.
+        ConfigError: the acceleration error has neither one value nor one for each joint.
     """
     given, objects = config.uncertainty, (TRAY, *config.objects)
     named = {*given.mass, *given.center_of_mass} - set(objects)
@@ -99,7 +100,11 @@ def uncertainty_of(config: Config, coordinates: int, base: int) -> Uncertainty:
 
 
 def friction(config: Config) -> dict[str, Interval]:
-    """Return the interval of the coefficient of friction of each contact, its nominal value if it has none."""
+    """Return the interval of the coefficient of friction of each contact; the nominal value if it has none.
+
+    Args:
+        config: the configuration.
+    """
     given, nominal = config.uncertainty.friction, config.contact.friction
     found = {}
     for contact, owner in config.interfaces.items():
@@ -109,13 +114,26 @@ def friction(config: Config) -> dict[str, Interval]:
 
 
 def forces(config: Config) -> dict[str, Interval]:
-    """Return the interval of the force that presses each held object against the tool [N]."""
+    """Return the interval of the force that presses each held object against the tool [N].
+
+    Args:
+        config: the configuration.
+    """
     held = {name: body.held_by.tool.force for name, body in config.objects.items() if body.held_by is not None}
     return {name: force if isinstance(force, tuple) else (force, force) for name, force in held.items()}
 
 
 def acceleration_error(config: Config, coordinates: int, base: int) -> AccelerationError:
-    """Return the acceleration error of all coordinates; arguments and errors as of `uncertainty_of`."""
+    """Return the acceleration error of all coordinates.
+
+    Args:
+        config: the configuration.
+        coordinates: number of coordinates of the robot.
+        base: number of these that belong to a floating base, 0 for an arm.
+
+    Raises:
+        ConfigError: the acceleration error has neither one value nor one for each joint.
+    """
     error = config.uncertainty.joint_acceleration
     middle, radius = np.zeros(coordinates), np.zeros(coordinates)
     radius[:base] = config.uncertainty.base_acceleration if base else 0.0
@@ -134,7 +152,11 @@ def _per_joint(name: str, given: float | tuple[float, ...], joints: int) -> Arra
 
 
 def bodies(config: Config) -> dict[str, Body]:
-    """Return the tray, if there is one, and every object, by name, in the carrier frame."""
+    """Return the tray, if there is one, and every object, by name, in the carrier frame.
+
+    Args:
+        config: the configuration.
+    """
     placed, given = placements(config), config.uncertainty
     items: Mapping[str, TrayConfig | ObjectConfig] = {
         **({} if config.tray is None else {TRAY: config.tray}),

@@ -1,4 +1,4 @@
-"""Required wrenches of the objects: what their contacts must supply, with every uncertain quantity still open."""
+"""Required wrenches of the objects, which their contacts must supply, as functions of the uncertain quantities."""
 
 from __future__ import annotations
 
@@ -14,11 +14,16 @@ from robustopt.limits.motion import PathMotion
 from robustopt.limits.polygons import Loads
 
 BLOCK = 1000
-"""Grid points whose wrenches are put together at once: larger arrays cost the system more than the work on them."""
+"""Number of grid points processed at once: the allocation of larger arrays costs more than the work on them."""
 
 
 def no_wrench(points: int, dimension: int) -> Loads:
-    """Return the required wrench of nothing at all, for P grid points and d coordinates."""
+    """Return a required wrench of zero.
+
+    Args:
+        points: number P of grid points.
+        dimension: number d of coordinates of the wrench.
+    """
     none = np.zeros((points, dimension, 0, 3))
     group = np.zeros(0, dtype=np.int64)
     return Loads(
@@ -42,7 +47,13 @@ class BodyWrenches:
 
 
 def body_wrenches(motion: PathMotion, body: Body, erring: bool) -> BodyWrenches:
-    """Return the required wrenches of a body; `erring`: with those of acceleration errors."""
+    """Return the required wrenches of a body along a path.
+
+    Args:
+        motion: motion along the path.
+        body: the body.
+        erring: whether to include the wrenches of acceleration errors.
+    """
     steps = body.linear[np.any(body.linear != 0, axis=1)]
     squares = body.remainder[np.any(body.remainder != 0, axis=1)]
     parameters = np.vstack([body.psi, steps, squares])
@@ -75,11 +86,11 @@ def body_loads(
     """Return the required wrenches of stacked objects, each of which carries the bodies listed for it.
 
     Args:
-        loads: per object the bodies that it carries.
-        about: reference point of the moments of each object (3,) [m]; at centres of mass the remainders are small.
-        middle: middle of the acceleration error (n,) [rad/s^2].
-        radius: half-width of the acceleration error (n,) [rad/s^2].
-        wrenches_of: the required wrenches of a body.
+        loads: for each object the bodies that it carries, itself included.
+        about: reference point of the moments of each object (3,) [m]; near centres of mass the remainders are small.
+        middle: middle of the acceleration error (n,) [rad/s^2 or m/s^2].
+        radius: half-width of the acceleration error (n,) [rad/s^2 or m/s^2].
+        wrenches_of: function that returns the required wrenches of a body.
     """
     listed = {body.name: body for row in loads for body in row}
     certain = [body for body in listed.values() if body.mass[0] == body.mass[1]]
@@ -181,12 +192,12 @@ def _move(wrenches, about, block, count, out):
 
 @dataclass(frozen=True, eq=False)
 class Finger:
-    """The driven finger of a gripper: a mass on its way along the closing axis, which the closing force accelerates.
+    """The driven finger of a gripper: a mass that moves along the closing axis, accelerated by the closing force.
 
     Attributes:
         mass: mass of the finger [kg].
         point: centre of its pad, carrier frame (3,) [m].
-        direction: direction in which it closes, carrier frame (3,).
+        direction: closing direction, carrier frame (3,).
     """
 
     mass: float
@@ -201,9 +212,9 @@ def with_forces(
     motion: PathMotion,
     error: tuple[Array, Array],
 ) -> Loads:
-    """Return required wrenches with the forces that press objects against the tool as further coordinates.
+    """Return required wrenches with the forces that press objects against the tool as additional coordinates.
 
-    The force that reaches the part is less by the force that the driven finger itself takes, m (a - g) along its way.
+    The driven finger takes the force m (a - g) along its closing axis, so the part receives less by this force.
 
     Args:
         loads: required wrenches (P, d, ...).

@@ -32,17 +32,17 @@ MOST_SAMPLES = 4096
 SPLINE_DEGREE = 5
 """Degree of the splines through the samples, so that their second derivatives are smooth."""
 NEAR = 0.05
-"""Farthest that a solution may lie from the spline that foretells it [rad or m], to be on the same branch for sure."""
+"""Largest distance of a solution from the spline that predicts it [rad or m]; closer ones are on the same branch."""
 SHORTEST_STEP = 0.0005
 """Steps are halved down to this length before the branch counts as ended [m of sigma]."""
 LIMIT_TOLERANCE = 1e-6
-"""How far a joint may be beyond its limit [rad or m]: a pose on the limit is allowed."""
+"""Largest distance of a joint beyond its limit that is allowed [rad or m], so that a pose may lie on the limit."""
 MOST_BRANCHES = 16
 """Most branches that are followed: all of an arm of six joints."""
 CLEARANCE_WEIGHT = 0.2
 """Height of the arm's centre of mass that outweighs being at a joint limit instead of mid-range [m]."""
 FOLLOWING_ITERATIONS = 8
-"""Iterations from one pose to the next: from so near, convergence is quadratic or not to be had."""
+"""Iterations from one pose to the next: from so near, convergence is either quadratic or fails."""
 RETURN = 0.02
 """Share by which a redundant arm drifts back to its first posture at every sample, so that it does not wander."""
 
@@ -61,10 +61,10 @@ class Branch:
     """A joint path, as far as it could be followed.
 
     Attributes:
-        sigma: samples of the carrier's path, (S,) [m].
-        q: joint positions at the followed samples, (S, n) or fewer.
-        ended_at: sigma at which it could not be followed further [m], None if it is complete.
-        violation: largest distance beyond a joint limit [rad or m], negative inside.
+        sigma: samples of the carrier's path (S,) [m].
+        q: joint positions at the followed samples (S, n) or fewer [rad or m].
+        ended_at: sigma at which the branch could not be followed further [m]; None if it is complete.
+        violation: largest distance beyond a joint limit [rad or m]; negative inside.
         score: rank among the branches; larger is better.
     """
 
@@ -81,7 +81,11 @@ class Branch:
 
 
 def samples(path: PosePath) -> Array:
-    """Return sigma of the poses along which branches are followed, equally spaced within each piece."""
+    """Return sigma of the poses at which branches are followed, equally spaced within each piece, (S,) [m].
+
+    Args:
+        path: path of the carrier.
+    """
     pieces = [
         np.linspace(start, end, int(np.clip(np.ceil((end - start) / SPACING), FEWEST_SAMPLES, MOST_SAMPLES)) + 1)
         for start, end in zip(path.breaks[:-1], path.breaks[1:], strict=True)
@@ -112,11 +116,11 @@ def follow_branches(robot: Robot, path: PosePath, start: Array | None) -> list[B
     starts.sort(key=lambda q: _limit_distances(robot, q[None])[0])
     inside = [q for q in starts if _limit_distances(robot, q[None])[0] <= LIMIT_TOLERANCE]
     sigma = samples(path)
-    branches = [follow_branch(robot, path, sigma, q) for q in (inside or starts)[:MOST_BRANCHES]]
+    branches = [_follow_branch(robot, path, sigma, q) for q in (inside or starts)[:MOST_BRANCHES]]
     return sorted(branches, key=lambda branch: (branch.usable, len(branch.q), branch.score), reverse=True)
 
 
-def follow_branch(robot: Robot, path: PosePath, sigma: Array, start: Array) -> Branch:
+def _follow_branch(robot: Robot, path: PosePath, sigma: Array, start: Array) -> Branch:
     """Follow the branch through `start` (n,) at the first sample over `sigma` (S,)."""
     positions, rotations = path.pose(sigma)
     q = [np.asarray(start, dtype=float)]
@@ -140,10 +144,16 @@ def follow_branch(robot: Robot, path: PosePath, sigma: Array, start: Array) -> B
 
 
 def fit_branch(robot: Robot, path: PosePath, branch: Branch, tolerance: PathTolerance) -> list[BSpline]:
-    """Fit splines q(s), s = sigma / length, one for each piece, that follow the carrier's path within `tolerance`.
+    """Fit splines q(s), s = sigma / length, one for each piece, to a branch.
+
+    Args:
+        robot: the arm.
+        path: path of the carrier.
+        branch: the branch, complete.
+        tolerance: largest distance and angle between the carrier and its path.
 
     Raises:
-        BranchLostError: if a piece takes more than `MOST_SAMPLES`, or the inverse kinematics leaves the branch
+        BranchLostError: a piece needs more than `MOST_SAMPLES`, or the inverse kinematics leaves the branch.
     """
     pieces = []
     for start, end in zip(path.breaks[:-1], path.breaks[1:], strict=True):

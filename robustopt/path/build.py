@@ -30,9 +30,13 @@ CHECK_STEP = 0.02
 def build_path(config: Config, robot: Robot) -> Path:
     """Build the path of a configuration.
 
+    Args:
+        config: the configuration.
+        robot: the robot.
+
     Raises:
-        PathError: if a pose or foothold is out of reach, a joint leaves its range, the inverse kinematics jumps, or
-            bodies collide
+        PathError: a pose or foothold is out of reach, a joint leaves its range, the inverse kinematics jumps, or bodies
+            collide.
     """
     if config.path.steps is not None:
         return walking_path(config, robot)

@@ -31,7 +31,7 @@ PREFIX = "robustopt_"
 RAIL = f"{PREFIX}rail"
 """Name of a rail among the geoms of a model."""
 EVERYTHING = 0x7FFFFFFF
-"""Collision bits of the tray and the objects: they collide with whatever of the robot collides at all."""
+"""Collision bits of the tray and the objects: they collide with every part of the robot that collides at all."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,11 @@ class CollisionCheck:
         self._ignored |= overlapping
 
     def first(self, q: Array) -> Collision | None:
-        """Return the first collision at the coordinates `q` (P, n), or None."""
+        """Return the first collision along a path, or None.
+
+        Args:
+            q: coordinates along the path (P, n) [rad or m].
+        """
         for index, qi in enumerate(q):
             overlaps = self._overlaps(qi)
             if overlaps:

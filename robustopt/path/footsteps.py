@@ -19,7 +19,7 @@ from robustopt.geometry import contact_axes
 
 ENTRY, EXIT = -0.02, 0.03
 """Offset of the centre of mass from the middle of the standing foot along the direction of travel, when the other lifts
-and when it lands [m]: the robot falls forward meanwhile."""
+and when it lands [m]: the robot falls forward in between."""
 
 SLACK = 1.0 / 3.0
 """Part of `path.inset` that is left halfway through a swing: a straight line past the standing foot would have to be
@@ -31,32 +31,36 @@ class Place:
     """A place of a contact, at rest or in the air.
 
     Attributes:
-        position: of the middle of the contact in the world, (3,) [m].
-        axes: of its frame as columns, z away from the surface on which it rests, (3, 3).
+        position: middle of the contact in the world (3,) [m].
+        axes: axes of the contact as columns, z away from the surface on which it rests (3, 3).
     """
 
     position: Array
     axes: Array
 
     def world(self, points: Array) -> Array:
-        """Return points in the frame of the contact, (k, 2) in its plane or (k, 3), in the world (k, 3) [m]."""
+        """Return points of the contact in the world, (k, 3) [m].
+
+        Args:
+            points: points in the frame of the contact (k, 3), or in its plane (k, 2) [m].
+        """
         flat = points.shape[1] == 2
         return self.position + points @ (self.axes[:, :2] if flat else self.axes).T
 
 
-def on_floor(position: Array) -> Place:
+def _on_floor(position: Array) -> Place:
     """Return the place of a level sole with its middle at `position` (2,) or (3,) [m]."""
     return Place(np.append(position, np.zeros(3 - len(position))), np.eye(3))
 
 
 @dataclass(frozen=True)
 class Stance:
-    """A phase of the path, with a constant set of contacts.
+    """A phase of the path with a constant set of contacts.
 
     Attributes:
-        begin: s at its begin.
-        end: s at its end.
-        places: of the contacts that hold, by name, feet first.
+        begin: s at the begin.
+        end: s at the end.
+        places: places of the contacts that hold, by name, feet first.
         step: index of the step in which one foot swings, -1 if none does.
     """
 
@@ -84,8 +88,8 @@ class Footsteps:
     """The phases of a path with K steps.
 
     Attributes:
-        places: of the contacts before the first and after each step, by name, K + 1.
-        swings: foot of each step, K.
+        places: places of the contacts, by name, before the first and after each step (K + 1).
+        swings: name of the foot of each step (K).
         com: x, y of the centre of mass as a spline over s [m].
         lift: height of a swinging foot [m].
     """
@@ -113,7 +117,11 @@ class Footsteps:
         return tuple(result)
 
     def label(self, s: float) -> str:
-        """Name the place `s`, such as "during steps[0], right foot in the air, at 40 %"."""
+        """Describe a position along the path, such as "during steps[0], right foot in the air, at 40 %".
+
+        Args:
+            s: the position along the path.
+        """
         phase = min(int(s * self.phases), self.phases - 1)
         share = f"at {100 * (s * self.phases - phase):.0f} %"
         step, count = phase // 2, len(self.swings)
@@ -126,7 +134,11 @@ class Footsteps:
         return f"between steps[{step - 1}] and steps[{step}], on both feet, {share}"
 
     def at(self, s: float) -> dict[str, Place]:
-        """Return the places of all contacts at s, of a swinging foot in the air."""
+        """Return the places of all contacts, including a swinging foot in the air.
+
+        Args:
+            s: position along the path.
+        """
         phase = min(int(s * self.phases), self.phases - 1)
         result = dict(self.places[(phase + 1) // 2])
         if phase % 2:
@@ -134,12 +146,16 @@ class Footsteps:
             before, after = self.places[phase // 2][foot].position[:2], result[foot].position[:2]
             way = t**3 * (10.0 - 15.0 * t + 6.0 * t * t)
             height = self.lift * 64.0 * (t * (1.0 - t)) ** 3
-            result[foot] = on_floor(np.append(before + way * (after - before), height))
+            result[foot] = _on_floor(np.append(before + way * (after - before), height))
         return result
 
 
 def footsteps(config: Config) -> Footsteps:
-    """Return the footsteps of a configuration with `path.steps`."""
+    """Return the footsteps of a walking robot.
+
+    Args:
+        config: the configuration, with `path.steps`.
+    """
     start, steps = config.path.start, config.path.steps
     assert isinstance(start, StanceConfig), "checked when the configuration was read"
     assert steps is not None, "the path of the configuration has no steps"
@@ -149,7 +165,7 @@ def footsteps(config: Config) -> Footsteps:
     swings = tuple(f"{step.foot}_foot" for step in steps)
     rail = config.path.rail
     hand = {rail.contact: Place(np.array(rail.at), contact_axes(rail.normal, rail.along))} if rail else {}
-    places = tuple({name: on_floor(place) for name, place in standing.items()} | hand for standing in feet)
+    places = tuple({name: _on_floor(place) for name, place in standing.items()} | hand for standing in feet)
     return Footsteps(places, swings, _com(feet, swings, config.path.inset), config.path.lift)
 
 

@@ -86,7 +86,11 @@ def solve_from_everywhere(robot: Robot, position: Array, rotation: Array) -> lis
 
 
 def rotation_vector(R: Array) -> Array:
-    """Return the rotation vector log(R) (3,) of a rotation matrix (3, 3) [rad]."""
+    """Return the rotation vector log(R) of a rotation, (3,) [rad].
+
+    Args:
+        R: rotation matrix (3, 3).
+    """
     x, y, z = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
     sine, cosine = math.sqrt(x * x + y * y + z * z) / 2, (R[0, 0] + R[1, 1] + R[2, 2] - 1) / 2
     if sine < 1e-4 and cosine < 0:
@@ -103,14 +107,19 @@ def _damped_step(J: Array, error: Array) -> Array:
 
 
 def spread(robot: Robot, count: int) -> Array:
-    """Return joint positions spread over the joint ranges, or over [-pi, pi] if that is smaller, shape (count, n)."""
+    """Return joint positions spread over the joint ranges, or over [-pi, pi] if that is smaller, (count, n).
+
+    Args:
+        robot: the robot.
+        count: number of positions.
+    """
     narrow = robot.limits.upper - robot.limits.lower < 2 * np.pi
     lower, upper = np.where(narrow, robot.limits.lower, -np.pi), np.where(narrow, robot.limits.upper, np.pi)
-    return np.asarray(lower + (upper - lower) * halton(count, robot.n))
+    return np.asarray(lower + (upper - lower) * _halton(count, robot.n))
 
 
-def halton(count: int, dimensions: int) -> Array:
-    """Return the first points of the Halton sequence in the unit cube without 0, shape (count, dimensions)."""
+def _halton(count: int, dimensions: int) -> Array:
+    """Return the first points of the Halton sequence in the unit cube after 0, (count, dimensions)."""
     primes = [p for p in range(2, 1000) if all(p % divisor for divisor in range(2, math.isqrt(p) + 1))]
     points = np.zeros((count, dimensions))
     for column, base in enumerate(primes[:dimensions]):

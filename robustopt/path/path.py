@@ -82,7 +82,11 @@ class Path:
         return self.evaluate(s, self.piece_at(s), order)
 
     def piece_at(self, s: Array) -> Indices:
-        """Return the index of the piece at `s` (P,): the later one at a stop, the last one at s = 1."""
+        """Return the index of the piece at positions along the path, (P,): at a stop the later one, at s = 1 the last.
+
+        Args:
+            s: positions along the path (P,).
+        """
         return np.clip(np.searchsorted(self.breaks, s, side="right") - 1, 0, len(self.breaks) - 2)
 
     def fine_grid(self) -> Array:
@@ -93,5 +97,9 @@ class Path:
         return np.append(inner.ravel(), 1.0)
 
     def label(self, s: float) -> str:
-        """Name the place `s` in the words of the configuration, e.g. "between joints[1] and joints[2], at 40 %"."""
+        """Describe a position along the path as the configuration does: "between joints[1] and joints[2], at 40 %".
+
+        Args:
+            s: the position along the path.
+        """
         return label(self.waypoints, s, self._noun) if self._steps is None else self._steps.label(s)

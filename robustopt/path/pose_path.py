@@ -85,7 +85,11 @@ class PosePath:
         return position, self.rotation[corner] @ turned.as_matrix()
 
     def label(self, sigma: float) -> str:
-        """Name the place `sigma` in the configuration's words, see `label`."""
+        """Describe a position along the path as the configuration does, see `label`.
+
+        Args:
+            sigma: the position along the path [m].
+        """
         return label(self.start, sigma, self.noun)
 
     def _nearest_corner(self, sigma: Array) -> Indices:
@@ -113,8 +117,11 @@ def label(waypoints: Array, s: float, noun: str) -> str:
 def pose_path(path: PathConfig) -> PosePath:
     """Return the path through `path.tray_poses` or `path.tool_poses`.
 
+    Args:
+        path: the section `path`.
+
     Raises:
-        PathError: for fewer than two poses, repeated poses, and turns by half a turn
+        PathError: there are fewer than two poses, a pose is repeated, or a segment turns by half a turn.
     """
     poses, noun = path.poses or (), path.poses_key
     if len(poses) < 2:
@@ -131,7 +138,11 @@ def pose_path(path: PathConfig) -> PosePath:
 
 
 def orientation(pose: FramePose) -> Array:
-    """Return the rotation (3, 3) of a pose; level and not turned if the configuration gives none."""
+    """Return the rotation of a pose, (3, 3); the identity if the configuration gives none.
+
+    Args:
+        pose: the pose.
+    """
     if pose.quaternion is not None:
         return np.asarray(Rotation.from_quat(pose.quaternion, scalar_first=True).as_matrix())
     return np.asarray(Rotation.from_euler("xyz", pose.rpy or (0.0, 0.0, pose.yaw or 0.0)).as_matrix())

@@ -16,10 +16,14 @@ WAYS_OUT = "move the poses, put one between them, mount the tray or tool otherwi
 
 
 def start_position(config: Config, robot: Robot) -> Array | None:
-    """Return `path.start` as an array (n,), or None.
+    """Return `path.start` as an array (n,) [rad or m], or None.
+
+    Args:
+        config: the configuration.
+        robot: the arm.
 
     Raises:
-        PathError: if it has not one value for each joint
+        PathError: it does not have one value for each joint.
     """
     start = config.path.start
     if start is None or not isinstance(start, tuple):
@@ -32,7 +36,12 @@ def start_position(config: Config, robot: Robot) -> Array | None:
 
 
 def limit_sentence(robot: Robot, q: Array) -> str:
-    """Say which joint at `q` (n,) is furthest beyond its limit, and how far."""
+    """Describe the joint that is furthest beyond its limit, and its position.
+
+    Args:
+        robot: the arm.
+        q: joint positions (n,) [rad or m].
+    """
     beyond = np.maximum(robot.limits.lower - q, q - robot.limits.upper)
     joint = int(np.argmax(beyond))
     limit = robot.limits.upper[joint] if q[joint] > robot.limits.upper[joint] else robot.limits.lower[joint]
@@ -41,7 +50,14 @@ def limit_sentence(robot: Robot, q: Array) -> str:
 
 
 def branch_problems(robot: Robot, path: PosePath, branches: list[Branch], start: Array | None) -> list[ConfigProblem]:
-    """Say why none of the `branches` along the path is usable; `start` as given in the configuration (n,)."""
+    """Return the reasons why no branch along the path is usable.
+
+    Args:
+        robot: the arm.
+        path: path of the carrier.
+        branches: the branches, none of which is usable.
+        start: start position in the configuration (n,) [rad or m], or None.
+    """
     unreachable = _unreachable_poses(robot, path)
     if unreachable:
         return unreachable

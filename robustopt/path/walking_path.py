@@ -53,10 +53,14 @@ SETTLING_PULL = 0.5
 
 
 def walking_path(config: Config, robot: Robot) -> Path:
-    """Build the path of a configuration with `path.steps`.
+    """Build the path of a walking robot.
+
+    Args:
+        config: the configuration, with `path.steps`.
+        robot: the walking robot.
 
     Raises:
-        PathError: if a foothold or the rail is out of reach, a joint leaves its range, or bodies collide
+        PathError: a foothold or the rail is out of reach, a joint leaves its range, or bodies collide.
     """
     steps = footsteps(config)
     s = np.linspace(0.0, 1.0, POINTS_PER_PHASE * steps.phases + 1)

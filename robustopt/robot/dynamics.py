@@ -126,9 +126,11 @@ def path_dynamics(model: mujoco.MjModel, frames: Frames, q: Array, q1: Array, q2
     """Return the inverse dynamics along a path.
 
     Args:
-        model: the links alone
-        frames: contacts and carrier of the model
-        q, q1, q2: coordinates, q'(s) and q''(s), (P, n) each
+        model: the model of the links alone.
+        frames: contacts and carrier of the model.
+        q: coordinates (P, n) [rad or m].
+        q1: derivatives q'(s) (P, n).
+        q2: second derivatives q''(s) (P, n).
     """
     P, n = q.shape
     data, origin = mujoco.MjData(model), np.zeros(3)
@@ -227,14 +229,17 @@ def inverse_dynamics(
     """Return generalised force, mass matrix and contact Jacobians at T instants, by MuJoCo's inverse dynamics.
 
     Args:
-        model: the links alone
-        frames: contacts of the model
-        q, qd, qdd: (T, n) each
-        bodies: mass [kg] and centre of mass in the body's frame (3,) [m] of bodies that differ from the model; their
-            inertia about the centre of mass scales with the mass
+        model: the model of the links alone.
+        frames: contacts of the model.
+        q: coordinates (T, n) [rad or m].
+        qd: velocities (T, n) [rad/s or m/s].
+        qdd: accelerations (T, n) [rad/s^2 or m/s^2].
+        bodies: mass [kg] and centre of mass in the frame of the body (3,) [m] of bodies that differ from the model;
+            their inertia about the centre of mass scales with the mass.
 
     Returns:
-        (T, n), (T, n, n), and (T, 6, n) by contact, base rows as in `Dynamics`
+        Generalised force (T, n), mass matrix (T, n, n), and Jacobian (T, 6, n) by contact, with base rows as in
+        `Dynamics`.
     """
     model = _with_bodies(model, bodies)
     data = mujoco.MjData(model)
@@ -268,13 +273,15 @@ def _with_bodies(model: mujoco.MjModel, bodies: Mapping[str, tuple[float, Array]
 
 
 def body_motion(model: mujoco.MjModel, base: int, name: str, q: Array, q1: Array, q2: Array) -> BodyMotion:
-    """Return the motion of a body's frame along a path, with which its mass and centre of mass enter the dynamics.
+    """Return the motion of a body's frame along a path, through which its mass and centre of mass enter the dynamics.
 
     Args:
-        model: the links alone
-        base: number of base coordinates
-        name: name of the body
-        q, q1, q2: coordinates, q'(s) and q''(s), (P, n) each
+        model: the model of the links alone.
+        base: number of base coordinates.
+        name: name of the body.
+        q: coordinates (P, n) [rad or m].
+        q1: derivatives q'(s) (P, n).
+        q2: second derivatives q''(s) (P, n).
     """
     P, n = q.shape
     data, body = mujoco.MjData(model), model.body(name).id

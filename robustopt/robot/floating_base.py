@@ -46,10 +46,14 @@ def base_coordinates(model: mujoco.MjModel, file: str) -> int:
 
 
 def keyframe_posture(model: mujoco.MjModel, file: str) -> Array:
-    """Return the coordinates of a walking robot in its first keyframe, the base upright, shape (n,) [m and rad].
+    """Return the coordinates of a walking robot in its first keyframe, with the base upright, (n,) [m and rad].
+
+    Args:
+        model: the model as in its file.
+        file: name of the model file, for messages.
 
     Raises:
-        RobotError: if the model has no keyframe
+        RobotError: the model has no keyframe.
     """
     if model.nkey == 0:
         raise RobotError(f"{file} has no keyframe; expected the posture of the robot", key="robot.model")
@@ -58,7 +62,15 @@ def keyframe_posture(model: mujoco.MjModel, file: str) -> Array:
 
 
 def require_no_springs(model: mujoco.MjModel, file: str) -> None:
-    """Check that a walking robot has no springs, which its dynamics do not count."""
+    """Check that a walking robot has no springs, which its dynamics do not include.
+
+    Args:
+        model: the model as in its file.
+        file: name of the model file, for messages.
+
+    Raises:
+        RobotError: a joint or tendon has a stiffness.
+    """
     sprung = [model.joint(k).name for k in np.flatnonzero(model.jnt_stiffness)]
     sprung += [model.tendon(k).name for k in np.flatnonzero(model.tendon_stiffness)]
     if sprung:
@@ -70,7 +82,12 @@ def require_no_springs(model: mujoco.MjModel, file: str) -> None:
 
 
 def replace_free_joint(spec: mujoco.MjSpec, original: mujoco.MjModel) -> None:
-    """Put three slides and three hinges in place of the free joint, the first of the model."""
+    """Put three slides and three hinges in place of the free joint of the model.
+
+    Args:
+        spec: specification of the model, which is changed.
+        original: the compiled model as in its file; its first joint is the free one.
+    """
     name = original.joint(0).name
     body = spec.joint(name).parent
     spec.delete(spec.joint(name))

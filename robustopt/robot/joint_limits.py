@@ -56,7 +56,11 @@ class JointLimits:
             getattr(self, item.name).setflags(write=False)
 
     def behind_base(self, base: int) -> JointLimits:
-        """Return the limits with the coordinates of a floating base first, which has no limits."""
+        """Return the limits with the unlimited coordinates of a floating base before those of the joints.
+
+        Args:
+            base: number of base coordinates.
+        """
         endless, none = np.full(base, np.inf), np.zeros(base)
         first = dict.fromkeys(FRICTIONS, none) | {"lower": -endless}
         padded = {

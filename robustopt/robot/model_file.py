@@ -51,7 +51,11 @@ def share_folders() -> tuple[Path, ...]:
 
 
 def resolve_package(uri: str) -> Path | None:
-    """Return the file that `package://NAME/...` names, or None if no share folder has it."""
+    """Return the file of a package URI, or None if no share folder has it.
+
+    Args:
+        uri: the URI, `package://NAME/...`.
+    """
     relative = uri.removeprefix("package://")
     return next((folder / relative for folder in share_folders() if (folder / relative).is_file()), None)
 
@@ -90,7 +94,11 @@ NAMED = re.compile(r"""\b(?:file|filename|meshdir|texturedir|assetdir)\s*=\s*["'
 
 
 def model_hash(file: Path) -> str:
-    """Return the SHA-256 of a model file and of all files that it names: includes, meshes, height fields."""
+    """Return the SHA-256 hash of a model file and of all files that it names: includes, meshes, height fields.
+
+    Args:
+        file: the model file.
+    """
     digest = hashlib.sha256()
     for part in _parts(file, [file.parent], []):
         digest.update(part.read_bytes())
@@ -120,14 +128,17 @@ def _parts(file: Path, folders: Sequence[Path], found: list[Path]) -> list[Path]
 def read_model(file: Path) -> tuple[mujoco.MjSpec, UrdfLimits, tuple[str, ...]]:
     """Read a model file.
 
-    Joints, bodies and tendons without a name get one. Options, flags and compiler settings that the file makes for a
-    whole simulation are undone.
+    Joints, bodies and tendons without a name get one. Options, flags and compiler settings of the file that apply to a
+    whole simulation are reset.
+
+    Args:
+        file: the model file.
 
     Returns:
-        the specification; the URDF limits that MuJoCo does not keep; notes on content that was left out
+        The specification, the URDF limits that MuJoCo does not keep, and notes on content that was left out.
 
     Raises:
-        RobotError: if MuJoCo cannot read the file
+        RobotError: MuJoCo cannot read the file.
     """
     limits = UrdfLimits()
     notes: tuple[str, ...] = ()
@@ -148,7 +159,15 @@ def read_model(file: Path) -> tuple[mujoco.MjSpec, UrdfLimits, tuple[str, ...]]:
 
 
 def compile_spec(spec: mujoco.MjSpec, file: Path) -> mujoco.MjModel:
-    """Compile a specification; turn an objection of MuJoCo into a RobotError of one line."""
+    """Compile a specification.
+
+    Args:
+        spec: the specification.
+        file: its model file, for messages.
+
+    Raises:
+        RobotError: MuJoCo refuses the model; its message is in one line.
+    """
     try:
         return spec.compile()
     except ValueError as error:
@@ -156,7 +175,11 @@ def compile_spec(spec: mujoco.MjSpec, file: Path) -> mujoco.MjModel:
 
 
 def joint_names(model: mujoco.MjModel) -> tuple[str, ...]:
-    """Return the names of the joints of a model, in its order."""
+    """Return the names of the joints of a model, in the order of the model.
+
+    Args:
+        model: the model.
+    """
     return tuple(model.joint(index).name for index in range(model.njnt))
 
 

@@ -65,9 +65,12 @@ class RobotModel:
 def load_model(config: Config) -> RobotModel:
     """Read and prepare the robot of a configuration.
 
+    Args:
+        config: the configuration.
+
     Raises:
-        RobotError: if the model cannot be found or read, does not suit the path, or lacks its tool or a joint to lock;
-            for a walking robot also if it has springs, or lacks a foot or a keyframe
+        RobotError: the model cannot be found or read, does not suit the path, or lacks its tool or a joint to lock; a
+            walking robot has springs, or lacks a foot or a keyframe.
     """
     file = model_file(config)
     spec, limits, notes = read_model(file)

@@ -122,7 +122,11 @@ class Robot:
         return data.site_xpos[site].copy(), data.site_xmat[site].reshape(3, 3).copy(), jacobian
 
     def center_of_mass(self, q: Array) -> Array:
-        """Return the centre of mass of the robot in the world at coordinates q (P, n), shape (P, 3) [m]."""
+        """Return the centre of mass of the robot in the world, (P, 3) [m].
+
+        Args:
+            q: coordinates (P, n) [rad or m].
+        """
         center = np.empty((len(q), 3))
         for i, qi in enumerate(q):
             self._data.qpos[:] = qi
@@ -132,11 +136,14 @@ class Robot:
         return center
 
     def contacts_and_com(self, q: Array) -> tuple[Array, Array, Array, Array, Array]:
-        """Return centre of mass and contact frames in the world at one set of coordinates q (n,).
+        """Return the centre of mass and the contact frames in the world.
+
+        Args:
+            q: coordinates (n,) [rad or m].
 
         Returns:
-            centre of mass (3,) [m] and its Jacobian (3, n); of the k contacts position (k, 3) [m], rotation (k, 3, 3)
-            and Jacobian (k, 6, n) of their sites, linear then angular
+            Centre of mass (3,) [m] and its Jacobian (3, n); for the k contacts position (k, 3) [m], rotation (k, 3, 3)
+            and Jacobian (k, 6, n) of their sites, linear part first.
         """
         model, data = self._model, self._data
         data.qpos[:] = q
@@ -151,7 +158,11 @@ class Robot:
         return data.subtree_com[0].copy(), com_jacobian, position, rotation, jacobians
 
     def contact_points(self, q: Array) -> dict[str, Array]:
-        """Return the contact points in the world at coordinates q (T, n): (T, k, 3) by contact [m]."""
+        """Return the contact points in the world, (T, k, 3) by contact [m].
+
+        Args:
+            q: coordinates (T, n) [rad or m].
+        """
         places = {name: np.empty((len(q), *sole.points.shape)) for name, sole in self.contacts.items()}
         for t, qt in enumerate(q):
             self._data.qpos[:] = qt
@@ -162,19 +173,36 @@ class Robot:
         return places
 
     def site_frame(self, contact: str) -> tuple[Array, Array]:
-        """Return origin (3,) [m] and axes, as columns (3, 3), of the frame of a contact in its body."""
+        """Return the frame of a contact in its body.
+
+        Args:
+            contact: name of the contact.
+
+        Returns:
+            Origin (3,) [m], and axes as columns (3, 3).
+        """
         site, axes = self._model.site(contact), np.zeros(9)
         mujoco.mju_quat2Mat(axes, site.quat)
         return site.pos.copy(), axes.reshape(3, 3)
 
     def qpos(self, q: Array) -> Array:
-        """Return the positions of `world_spec` at coordinates q (P, n): with a floating base (P, n + 1), else q."""
+        """Return the positions of `world_spec`: (P, n + 1) with a floating base, else the coordinates themselves.
+
+        Args:
+            q: coordinates (P, n) [rad or m].
+        """
         return free_joint_positions(q) if self.base else q
 
     # Dynamics ---------------------------------------------------------------------------------------------
 
     def dynamics(self, q: Array, q1: Array, q2: Array) -> Dynamics:
-        """Return the inverse dynamics along a path: `q`, `q1` = q'(s), `q2` = q''(s), shape (P, n) each."""
+        """Return the inverse dynamics along a path.
+
+        Args:
+            q: coordinates (P, n) [rad or m].
+            q1: derivatives q'(s) (P, n).
+            q2: second derivatives q''(s) (P, n).
+        """
         return dynamics.path_dynamics(self._model, self._frames, q, q1, q2)
 
     def inverse_dynamics(
@@ -183,24 +211,38 @@ class Robot:
         """Return generalised force, mass matrix and contact Jacobians at T instants, by MuJoCo's inverse dynamics.
 
         Args:
-            q, qd, qdd: (T, n) each
-            bodies: mass [kg] and centre of mass in the body's frame (3,) [m] of bodies that differ from the model;
-                their inertia about the centre of mass scales with the mass
+            q: coordinates (T, n) [rad or m].
+            qd: velocities (T, n) [rad/s or m/s].
+            qdd: accelerations (T, n) [rad/s^2 or m/s^2].
+            bodies: mass [kg] and centre of mass in the frame of the body (3,) [m] of bodies that differ from the model;
+                their inertia about the centre of mass scales with the mass.
 
         Returns:
-            (T, n), (T, n, n), and (T, 6, n) by contact, base rows as in `Dynamics`
+            Generalised force (T, n), mass matrix (T, n, n), and Jacobian (T, 6, n) by contact, base rows as in
+            `Dynamics`.
         """
         return dynamics.inverse_dynamics(self._model, self._frames, q, qd, qdd, bodies or {})
 
     def body_motion(self, name: str, q: Array, q1: Array, q2: Array) -> BodyMotion:
-        """Return the motion of a body's frame along a path: `q`, `q1` = q'(s), `q2` = q''(s), shape (P, n) each."""
+        """Return the motion of a body's frame along a path.
+
+        Args:
+            name: name of the body.
+            q: coordinates (P, n) [rad or m].
+            q1: derivatives q'(s) (P, n).
+            q2: second derivatives q''(s) (P, n).
+        """
         return dynamics.body_motion(self._model, self.base, name, q, q1, q2)
 
     def inertia_of(self, name: str) -> tuple[float, Array, Array]:
         """Return the inertia of a body.
 
+        Args:
+            name: name of the body.
+
         Returns:
-            mass [kg], centre of mass in the body's frame (3,) [m], inertia about it in body axes (3, 3) [kg m^2]
+            Mass [kg], centre of mass in the frame of the body (3,) [m], and inertia about it, axes of the body (3, 3)
+            [kg m^2].
         """
         model = self._model
         body = model.body(name).id
@@ -246,11 +288,14 @@ class Robot:
 def load_robot(config: Config) -> Robot:
     """Load the robot of a configuration.
 
-    Its kind is found from the model file: a free joint, its first, makes it a walking robot.
+    The model file determines its kind: if its first joint is a free one, the robot walks.
+
+    Args:
+        config: the configuration.
 
     Raises:
-        RobotError: if the model cannot be found or read, does not suit the path, lacks its tool or a limit, or if
-            `uncertainty` names a body that the robot does not have
+        RobotError: the model cannot be found or read, does not suit the path, lacks its tool or a limit, or
+            `uncertainty` names a body that the robot does not have.
     """
     parts = load_model(config)
     for spec in (parts.spec, parts.world_spec):

@@ -26,7 +26,11 @@ class UrdfLimits:
 
 
 def is_urdf(file: Path) -> bool:
-    """Return True for a URDF file: one with that suffix, or with the root element `robot`."""
+    """Return whether a file is a URDF file, which has the suffix `.urdf` or the root element `robot`.
+
+    Args:
+        file: the file.
+    """
     return file.suffix.lower() == ".urdf" or "<robot" in file.read_text(encoding="utf-8", errors="replace")[:4000]
 
 

@@ -23,8 +23,12 @@ from robustopt.solvers.batch import with_setting
 def believing(config: Config, belief: Belief) -> Config:
     """Return the configuration with the values of a belief in place of its own.
 
-    A learned coefficient of friction stands for all interfaces; a learned interval of the joint acceleration error
+    A learned coefficient of friction applies to all contacts; a learned interval of the joint acceleration error
     replaces the configured one.
+
+    Args:
+        config: the configuration.
+        belief: values by key.
 
     Raises:
         ConfigError: a key of the belief does not fit the configuration.
@@ -97,7 +101,10 @@ class Planner:
         self._tracks: dict[int, Track] = {}
 
     def plan(self, belief: Belief) -> PlanResult:
-        """Return the plan of a belief; an infeasible problem is an outcome.
+        """Return the plan of a belief; an infeasible problem is an outcome, not an error.
+
+        Args:
+            belief: the belief.
 
         Raises:
             SolverFailed: the plan fails its certificate, or the solver stops without an answer.
@@ -138,7 +145,11 @@ class Planner:
 
 
 def described(belief: Belief) -> str:
-    """Return a belief in words."""
+    """Return a belief in words.
+
+    Args:
+        belief: the belief.
+    """
     parts = [] if belief.friction is None else [f"friction {belief.friction:g}"]
     if belief.error is not None and not belief.error.is_zero:
         parts.append(f"acceleration errors up to +-{max(belief.error.half_width):.3g} (K = {belief.error.K:g})")

@@ -43,7 +43,11 @@ class Judgement:
         return self.successes / self.trials
 
     def interval(self, confidence: float) -> tuple[float, float]:
-        """Return the Clopper-Pearson interval of the success rate."""
+        """Return the Clopper-Pearson interval of the success rate.
+
+        Args:
+            confidence: confidence level of the interval.
+        """
         return clopper_pearson(self.successes, self.trials, confidence)
 
 
@@ -89,7 +93,11 @@ class Learned:
         return self.learner.returned(self.state)
 
     def judgement(self, row: Row | None) -> Judgement | None:
-        """Return the fresh executions of the plan of a row, None without any."""
+        """Return the fresh executions of a plan, None if there are none.
+
+        Args:
+            row: the row of the plan, or None.
+        """
         index = next((i for i, other in enumerate(self.rows) if other is row), -1)
         return self.judged.get(index)
 
@@ -245,6 +253,10 @@ class _Campaign:
 def made_again(planner: Planner, trial: Trial) -> PlanResult:
     """Return the plan of a trial, which an interrupted run has to make once more.
 
+    Args:
+        planner: the planner.
+        trial: the trial.
+
     Raises:
         RunFolderError: the plan has another duration than before.
     """
@@ -282,6 +294,10 @@ def cost_of(config: Config, settings: LearningConfig, workers: int = 1) -> Cost:
 
 def replayed(learner: Learner[Any], journal: Journal) -> Any:
     """Return the state of a learner after all events of a journal.
+
+    Args:
+        learner: the learner.
+        journal: the journal.
 
     Raises:
         RunFolderError: the journal does not answer the requests of this learner.

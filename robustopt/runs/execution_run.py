@@ -58,7 +58,19 @@ class ExecutionResult:
 def execute_plan(
     config: Config, planned: PlanResult, speed: float, workers: Workers, progress: Progress | None
 ) -> ExecutionResult:
-    """Execute a plan that has its certificate; arguments as for `robustopt.execute`."""
+    """Execute a plan that has its certificate.
+
+    Args:
+        config: the configuration, whose section `execution` may differ from that of the plan.
+        planned: the plan and its certificate.
+        speed: factor on the speed of the plan.
+        workers: the processes or cluster that run the trials.
+        progress: function that is called after every chunk of trials.
+
+    Raises:
+        ConfigError: the configuration is of another task, or a key of `execution` does not fit the robot.
+        SimulationFailed: the plan is not finite, or worker processes died repeatedly.
+    """
     start = time.perf_counter()
     executions = execute(planned.plan, config, speed=speed, workers=workers, progress=progress)
     seconds = time.perf_counter() - start
@@ -108,7 +120,13 @@ def _require_free(overrides: Sequence[str]) -> None:
 
 
 def write_execution_run(result: ExecutionResult, folder: Path, arguments: Sequence[str]) -> Summary:
-    """Write the data of an execution into a folder and return its summary."""
+    """Write the data of an execution into a folder and return its summary.
+
+    Args:
+        result: the plan and its executions.
+        folder: folder of the run.
+        arguments: arguments of the command, for the record of its origin.
+    """
     if result.planned is not None:
         write_run(result.planned, folder, arguments)
     else:
@@ -116,18 +134,23 @@ def write_execution_run(result: ExecutionResult, folder: Path, arguments: Sequen
         write_origin(folder, result.config, arguments)
         (folder / PLAN).write_bytes((result.source / PLAN).read_bytes())
     write_executions_csv(result.executions, folder / EXECUTIONS)
-    data = execution_summary(result)
+    data = _execution_summary(result)
     write_record(folder / SUMMARY, data)
     return data
 
 
 def write_executions_csv(executions: Executions, path: Path) -> None:
-    """Write one line per trial; every number reads back as the same floating point number, nan is left empty."""
+    """Write one line per trial; every number reads back as the same floating-point number, and nan is left empty.
+
+    Args:
+        executions: the trials.
+        path: the file.
+    """
     executions.to_frame().to_csv(path, index=False, lineterminator="\n")
 
 
-def execution_summary(result: ExecutionResult) -> Summary:
-    """Return the summary of executions, on top of the summary of their plan."""
+def _execution_summary(result: ExecutionResult) -> Summary:
+    """Return the summary of executions, which extends the summary of their plan."""
     executions, known = result.executions, result.known
     simulated = min(len(executions.outcomes), 1) if executions.alike else len(executions.outcomes)
     own = Summary(
@@ -137,7 +160,7 @@ def execution_summary(result: ExecutionResult) -> Summary:
         message=sentence(executions),
         success_rate=executions.success_rate,
         success_interval=executions.interval,
-        executions=executions_record(executions),
+        executions=_executions_record(executions),
         seconds={**known.seconds, "execute": result.seconds},
         steps_per_second=simulated * executions.steps / result.seconds,
     )
@@ -147,7 +170,7 @@ def execution_summary(result: ExecutionResult) -> Summary:
     return known.model_copy(update=update)
 
 
-def executions_record(executions: Executions) -> ExecutionsRecord:
+def _executions_record(executions: Executions) -> ExecutionsRecord:
     """Return the part of a summary about executions."""
     first = min((o for o in executions.outcomes if o.what), key=lambda outcome: outcome.time, default=None)
     feedback = executions.feedback
@@ -169,7 +192,11 @@ def executions_record(executions: Executions) -> ExecutionsRecord:
 
 
 def sentence(executions: Executions) -> str:
-    """Return the outcome of executions in a few sentences."""
+    """Return the outcome of executions in a few sentences.
+
+    Args:
+        executions: the trials.
+    """
     done, requested = len(executions.outcomes), executions.requested
     if not done:
         return f"Interrupted before the first of {requested:,} trials was done."

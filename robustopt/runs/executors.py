@@ -25,7 +25,12 @@ class Executor(Protocol):
     """Whether it can run any number of executions, so that a success rate can be estimated."""
 
     def ahead(self, wanted: int, done: int) -> int:
-        """Return the number of executions to run together, at most `wanted`, after `done` of the same plan."""
+        """Return the number of executions to run together, at most `wanted`.
+
+        Args:
+            wanted: number of executions that the learner wants.
+            done: number of executions of the same plan so far.
+        """
 
     def run(self, planned: PlanResult, numbers: Sequence[int], speed: float) -> list[Execution]:
         """Run executions by their numbers, in this order.
@@ -54,10 +59,15 @@ class Simulated:
         return min(wanted, max(cores(), done), CHUNK * self._workers.processes)
 
     def run(self, planned: PlanResult, numbers: Sequence[int], speed: float) -> list[Execution]:
-        """Run trials with the numbers of the executions, in the world of the configuration, not of the belief.
+        """Run trials in the world of the configuration, which does not depend on the belief.
+
+        Args:
+            planned: the plan and its certificate.
+            numbers: numbers of the executions, which are those of the trials.
+            speed: factor on the speed of the plan.
 
         Raises:
-            KeyboardInterrupt: interrupted.
+            KeyboardInterrupt: the user interrupted the trials.
         """
         executions = execute(planned.plan, self._config, speed=speed, numbers=numbers, workers=self._workers)
         if executions.interrupted:

@@ -107,7 +107,15 @@ class Journal:
 
     @staticmethod
     def create(folder: Path, executor: str = SIMULATION) -> None:
-        """Write an empty journal into a folder; executor: SIMULATION or MANUAL."""
+        """Write an empty journal into a folder.
+
+        Args:
+            folder: folder of the run.
+            executor: SIMULATION or MANUAL.
+
+        Raises:
+            RunFolderError: the journal cannot be written.
+        """
         path = folder / JOURNAL
         try:
             with closing(sqlite3.connect(path, isolation_level=None)) as connection:
@@ -118,7 +126,10 @@ class Journal:
 
     @staticmethod
     def open(folder: Path) -> Journal:
-        """Return the journal in a folder, held until it is closed or the process ends.
+        """Return the journal in a folder, locked until it is closed or the process ends.
+
+        Args:
+            folder: folder of the run.
 
         Raises:
             RunInUse: another process holds the journal.
@@ -147,17 +158,32 @@ class Journal:
     # Writing ---------------------------------------------------------------------------------------------
 
     def add_plan(self, belief: Belief, duration: float | None) -> None:
-        """Commit a plan."""
+        """Commit a plan.
+
+        Args:
+            belief: belief of the plan.
+            duration: duration of the plan [s]; None if the problem is infeasible.
+        """
         text = _BELIEF.dump_json(belief).decode()
         self._write([("INSERT INTO plans VALUES ((SELECT count(*) FROM plans), ?, ?)", (text, duration))])
 
     def add_executions(self, speed: float, executions: Sequence[Execution]) -> None:
-        """Commit executions of the latest plan together."""
+        """Commit executions of the latest plan together.
+
+        Args:
+            speed: factor on the speed of the plan.
+            executions: the executions.
+        """
         command = "INSERT INTO executions VALUES (?, (SELECT count(*) - 1 FROM plans), ?, ?, ?, ?, ?, ?, ?, ?, ?)"
         self._write([(command, _values(execution, speed)) for execution in executions])
 
     def add_judgements(self, plan: int, executions: Sequence[Execution]) -> None:
-        """Commit fresh executions of a plan together."""
+        """Commit fresh executions of a plan together.
+
+        Args:
+            plan: number of the plan.
+            executions: the executions.
+        """
         command = "INSERT INTO judgements VALUES (?, ?, ?, ?)"
         self._write([(command, (plan, item.number, item.success, item.status)) for item in executions])
 
@@ -205,7 +231,11 @@ class Journal:
             yield entry
 
     def judgements(self, plan: int) -> dict[int, tuple[bool, str]]:
-        """Return the fresh executions of a plan: success and status by number."""
+        """Return the fresh executions of a plan: success and status by number.
+
+        Args:
+            plan: number of the plan.
+        """
         found = self._read("SELECT number, success, status FROM judgements WHERE plan = ? ORDER BY number", plan)
         return {number: (bool(success), status) for number, success, status in found}
 

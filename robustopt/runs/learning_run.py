@@ -109,7 +109,12 @@ def resumed(folder: Path, config: Config | None) -> Config:
 
 
 def latest_unfinished(config: Config, root: Path = Path("results")) -> Path | None:
-    """Return the latest unfinished run of a task below `root`, preferably one of the same configuration."""
+    """Return the latest unfinished run of a task, preferably one of the same configuration; None without one.
+
+    Args:
+        config: the configuration.
+        root: folder that contains the runs.
+    """
     folders = [place for place in (root / config.name).glob("*") if is_unfinished(place)]
     text = dump(config)
     same = [place for place in folders if _text(place / CONFIG) == text]
@@ -144,6 +149,10 @@ class LearningResult:
 def result_of(learned: Learned, journal: Journal) -> LearningResult:
     """Return the result of a learner that is finished.
 
+    Args:
+        learned: the learned intervals.
+        journal: the journal of the run.
+
     Raises:
         RunFolderError: the best plan cannot be made again.
     """
@@ -154,7 +163,14 @@ def result_of(learned: Learned, journal: Journal) -> LearningResult:
 
 @contextmanager
 def writing(folder: Path) -> Iterator[None]:
-    """Turn an OSError into a RunFolderError; the journal has all that was learned, so that the run can be continued."""
+    """Turn an OSError into a RunFolderError; the journal has all that was learned, so that the run can be continued.
+
+    Args:
+        folder: folder of the run.
+
+    Raises:
+        RunFolderError: a file cannot be written.
+    """
     try:
         yield
     except OSError as error:
@@ -165,7 +181,12 @@ def writing(folder: Path) -> Iterator[None]:
 
 
 def write_learning_files(result: LearningResult, folder: Path) -> Summary:
-    """Write all files but figures and summary, in place of an earlier attempt; return the summary."""
+    """Write all files but figures and summary, in place of those of an earlier attempt, and return the summary.
+
+    Args:
+        result: the result of the learner.
+        folder: folder of the run.
+    """
     shutil.rmtree(folder / FIGURES, ignore_errors=True)
     (folder / NEXT).unlink(missing_ok=True)
     if result.planned is not None:
@@ -176,10 +197,14 @@ def write_learning_files(result: LearningResult, folder: Path) -> Summary:
 
 
 def complete(folder: Path, data: Summary) -> None:
-    """Write the summary in one step, once all else is on the disk: from here on the run is complete.
+    """Write the summary in one step, after all other files are on the disk; from then on the run is complete.
+
+    Args:
+        folder: folder of the run.
+        data: the summary.
 
     Raises:
-        RunFolderError: configuration or provenance are gone.
+        RunFolderError: configuration or provenance are missing.
     """
     missing = [name for name in (CONFIG, PROVENANCE) if not (folder / name).is_file()]
     if missing:

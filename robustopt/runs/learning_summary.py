@@ -28,7 +28,7 @@ def learning_summary(learned: Learned, planned: PlanResult | None, diverged: boo
         name=learned.config.name,
         status=_status(learned, diverged),
         message=sentence(learned),
-        learning=learning_record(learned),
+        learning=_learning_record(learned),
     )
     if planned is None:
         return own.model_copy(update={"duration": None})
@@ -43,7 +43,7 @@ def _status(learned: Learned, diverged: bool) -> RunStatus:
     return RunStatus.NO_PLAN if learned.state.end is End.NO_PLAN else RunStatus.NO_SUCCESS
 
 
-def learning_record(learned: Learned) -> LearningRecord:
+def _learning_record(learned: Learned) -> LearningRecord:
     """Return the part of a summary about learning."""
     best, returned, end = learned.best, learned.returned, learned.state.end
     assert end is not None
@@ -66,7 +66,11 @@ _FIXED_FRICTION = (End.STABLE, End.ITERATION_LIMIT)
 
 
 def sentence(learned: Learned) -> str:
-    """Return the result of a learner in a few sentences."""
+    """Return the result of a learner in a few sentences.
+
+    Args:
+        learned: the learned intervals.
+    """
     best, end = learned.best, learned.state.end
     assert end is not None
     spent = f"{_count(learned.state.executed, 'execution')} of {_count(_executed_plans(learned), 'plan')}"
@@ -130,12 +134,20 @@ def _executed_plans(learned: Learned) -> int:
 
 
 def target_rate(settings: LearningConfig) -> float:
-    """Return the success rate in question: Phi(K) for ilrobs, else the configured one."""
+    """Return the success rate that plans must meet: Phi(K) for ilrobs, else the configured one.
+
+    Args:
+        settings: the section `learning`.
+    """
     return phi(settings.K, Reading(settings.reading)) if settings.algorithm == "ilrobs" else settings.success_rate
 
 
 def confidence_sentence(learned: Learned) -> str:
-    """Return the confidence that the executions of the best plan earn, in a sentence."""
+    """Return a sentence with the confidence that the executions of the best plan earn.
+
+    Args:
+        learned: the learned intervals.
+    """
     best, settings = learned.best, learned.settings
     if best is None:
         return ""
@@ -149,7 +161,12 @@ def confidence_sentence(learned: Learned) -> str:
 
 
 def row_record(learned: Learned, row: Row) -> Iteration:
-    """Return the record of a plan, with its fresh executions and the probability that its failure was bad luck."""
+    """Return the record of a plan, with its fresh executions and the probability that its failure was bad luck.
+
+    Args:
+        learned: the learned intervals.
+        row: the row of the plan.
+    """
     extra: dict[str, object] = {}
     if row.trial.failures and not row.trial.belief.parameters:
         rate = target_rate(learned.settings)
@@ -176,7 +193,11 @@ def _judged(judgement: Judgement, confidence: float) -> dict[str, object]:
 
 
 def trial_record(learned: Learned) -> Iteration | None:
-    """Return the record of the plan that is under test, None at the end."""
+    """Return the record of the plan that is under test, None at the end.
+
+    Args:
+        learned: the learned intervals.
+    """
     trial = learned.state.trial
     if trial is None:
         return None

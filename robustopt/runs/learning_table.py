@@ -120,7 +120,11 @@ _MEANINGS = {
 
 
 def legend(records: Sequence[Iteration]) -> str:
-    """Return the meanings of the columns of these records, in a sentence."""
+    """Return a sentence with the meanings of the columns.
+
+    Args:
+        records: the iterations in the table.
+    """
     keys, heads = _keys(records), table(records)[0]
     meanings = dict(zip(_numbered(keys), keys, strict=True)) if len(keys) > NAMED else {}
     meanings |= {head: _MEANINGS[head] for head in heads if head in _MEANINGS}
@@ -128,7 +132,11 @@ def legend(records: Sequence[Iteration]) -> str:
 
 
 def table(records: Sequence[Iteration]) -> tuple[list[str], list[list[str]]]:
-    """Return heads and lines of the table; columns that are empty in every line are left out."""
+    """Return heads and lines of the table; columns that are empty in every line are left out.
+
+    Args:
+        records: the iterations in the table.
+    """
     columns = (*COLUMNS[:2], *_parameters(records), *COLUMNS[2:])
     lines = [[column.text(record) for column in columns] for record in records]
     used = [i for i in range(len(columns)) if any(line[i] for line in lines)]

@@ -23,7 +23,11 @@ class Listed(Record):
 
 
 def runs(root: Path) -> list[Listed]:
-    """Return every run below a folder, the latest first."""
+    """Return every run below a folder, the latest first.
+
+    Args:
+        root: the folder.
+    """
     found = [path.parent for path in root.rglob(PROVENANCE) if not _hidden(path.relative_to(root))]
     return sorted(map(_listed, found), key=lambda run: run.created, reverse=True)
 

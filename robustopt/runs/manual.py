@@ -39,7 +39,12 @@ class Manual:
         return min(wanted, 1)
 
     def run(self, planned: PlanResult, numbers: Sequence[int], speed: float) -> list[Execution]:
-        """Ask for executions.
+        """Ask the user to execute a plan and to report the outcomes.
+
+        Args:
+            planned: the plan and its certificate.
+            numbers: numbers of the executions.
+            speed: factor on the speed of the plan.
 
         Raises:
             KeyboardInterrupt: nobody answers any more.

@@ -39,7 +39,13 @@ def write_origin(folder: Path, config: Config, arguments: Sequence[str]) -> None
 
 
 def provenance(config: Config, text: str, arguments: Sequence[str]) -> Provenance:
-    """Return all that it takes to make a run again; text: the resolved configuration as YAML."""
+    """Return the data that it takes to repeat a run.
+
+    Args:
+        config: the configuration.
+        text: the resolved configuration as YAML.
+        arguments: arguments of the command.
+    """
     return Provenance(
         created=datetime.now(UTC).isoformat(timespec="seconds"),
         arguments=("robustopt", *map(_as_text, arguments)),
@@ -132,8 +138,13 @@ def _changed(folder: Path, files_have: str) -> RunFolderError:
 def require_same_config(folder: Path, stored: Config, given: Config) -> None:
     """Check that a configuration is that of a run.
 
+    Args:
+        folder: folder of the run.
+        stored: configuration of the run.
+        given: the configuration.
+
     Raises:
-        RunFolderError: it is not; the message names every key that differs.
+        RunFolderError: they differ; the message names every key that differs.
     """
     if dump(given) != dump(stored):
         changes = "; ".join(differences(resolved(stored), resolved(given)))
@@ -144,6 +155,9 @@ def require_same_config(folder: Path, stored: Config, given: Config) -> None:
 
 def require_same_versions(folder: Path) -> None:
     """Check that a run was begun with the installed versions: results can differ between them, and must not be mixed.
+
+    Args:
+        folder: folder of the run.
 
     Raises:
         RunFolderError: the run was begun with other versions; the message names them.
@@ -159,7 +173,13 @@ def require_same_versions(folder: Path) -> None:
 
 
 def differences(stored: Any, given: Any, key: str = "") -> list[str]:
-    """Return the differences between two resolved configurations, e.g. "seed was 0 and is 1"."""
+    """Return the differences between two resolved configurations, e.g. "seed was 0 and is 1".
+
+    Args:
+        stored: the one configuration, or a part of it.
+        given: the other configuration, or the same part of it.
+        key: key of this part.
+    """
     if isinstance(stored, Mapping) and isinstance(given, Mapping):
         names = dict.fromkeys([*stored, *given])
         inner = (differences(stored.get(n), given.get(n), f"{key}.{n}" if key else n) for n in names)

@@ -88,7 +88,11 @@ def plan_task(config: Config, certify_with: Effort = "quick") -> PlanResult:
 
 
 def problem_size(problem: TimeScalingProblem) -> ProblemSize:
-    """Return the size of a problem: grid, rows before and after redundant ones are removed, contacts."""
+    """Return the size of a problem: grid, rows before and after redundant ones are removed, contacts.
+
+    Args:
+        problem: the problem.
+    """
     systems = [family.system for family in problem.limits.contacts]
     facets = sum(len(system.facets) for system in systems)
     rows = 2 * problem.robot.n + problem.limits.torque.B.shape[1] + facets
@@ -107,7 +111,11 @@ def problem_size(problem: TimeScalingProblem) -> ProblemSize:
 
 
 def summary(result: PlanResult) -> Summary:
-    """Return the summary of a plan."""
+    """Return the summary of a plan.
+
+    Args:
+        result: the plan and its certificate.
+    """
     plan, certificate, diagnosis = result.plan, result.certificate, result.diagnosis
     message = plan.message if diagnosis is None else f"{plan.message} {diagnosis.sentence}"
     if certificate is not None and not certificate.passed:
@@ -144,7 +152,13 @@ def _diagnosis(diagnosis: Diagnosis) -> DiagnosisRecord:
 
 
 def write_run(result: PlanResult, folder: Path, arguments: Sequence[str]) -> Summary:
-    """Write the data of a run into a folder and return its summary; figures and page are those of `report`."""
+    """Write the data of a run into a folder and return its summary; `report` writes figures and page.
+
+    Args:
+        result: the plan and its certificate.
+        folder: folder of the run.
+        arguments: arguments of the command, for the record of its origin.
+    """
     write_origin(folder, result.config, arguments)
     if result.plan.status is Status.SOLVED:
         result.plan.export(folder, result.config.output.period)

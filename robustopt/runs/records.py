@@ -21,6 +21,9 @@ def plain_data(value: Any) -> Any:
     """Return dataclasses, mappings and arrays as dicts, lists and numbers, with None for a number that is not finite.
 
     JSON knows no infinity and no nan.
+
+    Args:
+        value: the value.
     """
     if is_dataclass(value):
         value = {entry.name: getattr(value, entry.name) for entry in fields(value)}

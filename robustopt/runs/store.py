@@ -67,12 +67,20 @@ def new_run(name: str, out: Path | None = None, root: Path = Path("results")) ->
 
 
 def is_run(folder: Path) -> bool:
-    """Return whether a folder is a complete run of this package."""
+    """Return whether a folder is a complete run of this package.
+
+    Args:
+        folder: the folder.
+    """
     return all((folder / name).is_file() for name in (PROVENANCE, CONFIG, SUMMARY))
 
 
 def is_unfinished(folder: Path) -> bool:
-    """Return whether a folder holds a run of a learner that is not complete."""
+    """Return whether a folder holds a run of a learner that is not complete.
+
+    Args:
+        folder: the folder.
+    """
     return (folder / JOURNAL).is_file() and not (folder / SUMMARY).is_file()
 
 
@@ -81,6 +89,9 @@ def is_unfinished(folder: Path) -> bool:
 
 def read_summary(folder: Path) -> Summary:
     """Return the summary of a stored run.
+
+    Args:
+        folder: folder of the run.
 
     Raises:
         RunFolderError: there is no complete run in the folder, or its summary has been changed.
@@ -96,6 +107,9 @@ def read_summary(folder: Path) -> Summary:
 
 def read_provenance(folder: Path) -> Provenance:
     """Return the provenance of a run, complete or not.
+
+    Args:
+        folder: folder of the run.
 
     Raises:
         RunFolderError: the file is missing, or has been changed.
@@ -116,12 +130,21 @@ def _read(path: Path, kind: type[R]) -> R:
 
 
 def write_record(path: Path, record: Record) -> None:
-    """Write a record as a JSON file."""
+    """Write a record as a JSON file.
+
+    Args:
+        path: the file.
+        record: the record.
+    """
     path.write_text(json_text(record.model_dump(mode="json", exclude_unset=True)) + "\n", encoding="utf-8")
 
 
 def json_text(data: Mapping[str, Any]) -> str:
-    """Return one JSON object, indented."""
+    """Return one JSON object, indented.
+
+    Args:
+        data: content of the object.
+    """
     return json.dumps(plain_data(data), indent=2, ensure_ascii=False, allow_nan=False)
 
 
@@ -204,7 +227,10 @@ def _remove(made: Sequence[Path]) -> None:
 def flush(folder: Path) -> None:
     """Flush all files of a folder to the disk, which a full disk refuses.
 
-    A journal is left out: SQLite does this itself, and would lose its lock on a file that its process closes.
+    A journal is left out: SQLite flushes it itself, and would lose its lock on a file that its process closes.
+
+    Args:
+        folder: the folder.
     """
     for place in sorted(folder.rglob("*")):
         if place.is_file() and not place.name.startswith(JOURNAL):
@@ -214,7 +240,11 @@ def flush(folder: Path) -> None:
 
 
 def flush_folder(folder: Path) -> None:
-    """Flush the names of the files in a folder to the disk."""
+    """Flush the names of the files in a folder to the disk.
+
+    Args:
+        folder: the folder.
+    """
     if sys.platform == "win32":
         return
     handle = os.open(folder, os.O_RDONLY)

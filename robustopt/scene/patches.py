@@ -56,14 +56,14 @@ class Patch:
 
     Attributes:
         name: name of the contact, by which its friction and contact points are given.
-        object: the object, on which the contact presses along its normal.
-        support: the tray, the object below, or the tool: `cup`, `cups`, `pads`.
+        object: name of the object that the contact presses on, along the normal.
+        support: name of the tray, of the object below, or of the part of the tool: `cup`, `cups` or `pads`.
         polygon: corners in the plane of the patch, counter-clockwise (k, 2) [m].
         origin: origin of that plane, carrier frame (3,) [m].
-        axes: axes of the patch as columns, the normal last, from the support into the object, carrier frame (3, 3).
-        turn: yaw of the support against these axes, along which contact points may be off [rad].
+        axes: axes of the patch as columns, carrier frame (3, 3); the normal comes last and points into the object.
+        turn: yaw of the support in these axes; uncertain contact points are displaced along the support's axes [rad].
         law: contact law.
-        fixed: whether the pressure is prescribed for a patch that is twisted, see `limits.twist`.
+        fixed: whether the pressure under a twisting load is prescribed, see `limits.twist`.
     """
 
     name: str
@@ -87,7 +87,11 @@ UPRIGHT = np.eye(3)
 
 
 def patches(config: Config) -> tuple[Patch, ...]:
-    """Return the patch of every contact of the objects, in the order of `placements`; a bridge has two."""
+    """Return the patch of every contact of the objects, in the order of `placements`; a bridge has two.
+
+    Args:
+        config: the configuration, whose objects and supports must be valid.
+    """
     return _patches(config.tray, solids(config), config.contact.patch_points)
 
 
@@ -123,9 +127,9 @@ def held_patches(name: str, body: ObjectConfig, tool: Frame, points: int) -> lis
 
     Args:
         name: name of the object.
-        body: the object.
+        body: the object; it must have `held_by`.
         tool: frame of the tool in the carrier frame.
-        points: number of contact points of a lip.
+        points: number of contact points on the lip of a cup.
     """
     assert body.held_by is not None
     hold = body.held_by.tool
@@ -159,17 +163,17 @@ def _pads(name: str, body: ObjectConfig, hold: GripConfig, frame: Frame) -> Iter
 
 @lru_cache(maxsize=256)
 def eroded(patch: Patch, distance: float) -> Patch:
-    """Return the certain part of a patch if each corner may be displaced along x and y of the support.
+    """Return the part of a patch that is certain if its corners may be displaced along x and y of the support.
 
-    Every displaced patch contains the eroded one, which for a rectangle is itself a displaced patch: the bound is
-    sound, and exact for rectangles (our choice).
+    Every displaced patch contains the eroded one, so the bound is sound. It is exact for a rectangle aligned with its
+    support, because the eroded rectangle is itself one of the displaced patches (our choice).
 
     Args:
         patch: the patch.
         distance: largest displacement of each corner along x and along y [m].
 
     Returns:
-        The patch with a smaller polygon, which is empty if nothing is certain.
+        The patch with a smaller polygon, which is empty if no part is certain.
     """
     if distance == 0.0:
         return patch
@@ -180,13 +184,23 @@ def eroded(patch: Patch, distance: float) -> Patch:
 
 @lru_cache(maxsize=64)
 def base_outline(patches: tuple[Patch, ...]) -> Array:
-    """Return the convex hull of contact patches of one root, shape (k, 2)."""
+    """Return the convex hull of several contact patches, in the plane of their root, (k, 2) [m].
+
+    Args:
+        patches: patches of objects with the same root.
+    """
     return convex_hull(np.vstack([patch.polygon for patch in patches]))
 
 
 @lru_cache(maxsize=64)
 def overlaps(tray: TrayConfig | None, solids: Solids, points: int) -> tuple[tuple[str, str], ...]:
-    """Return the pairs of objects on one root that overlap; `points` corners stand for the outline of a round one."""
+    """Return the pairs of objects with the same root that overlap.
+
+    Args:
+        tray: the tray, if there is one.
+        solids: names and shapes of the objects.
+        points: number of corners that stand for the outline of a round object.
+    """
     objects, places = dict(solids), placed(tray, solids)
     outline = {name: footprint(objects[name], place, points) for name, place in places.items()}
     found = []

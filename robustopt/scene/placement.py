@@ -2,7 +2,7 @@
 
 All poses are in the carrier frame, which is rigid to the tool: the frame of the tray if there is one, else the frame of
 the tool. An object that the tool holds is the *root* of all objects that stand on it, as the tray is for the others.
-They stand upright on their root: along its z axis, with a yaw about it.
+They stand upright on their root: their z axes are parallel to that of the root, and they may have a yaw about it.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ FACES: dict[str, tuple[Array, Array, Array]] = {
     "left": (Y, Z, X),
     "right": (-Y, Z, X),
 }
-"""Outward normal of each face of a part, and the two axes along which `at` counts, part frame."""
+"""Outward normal of each face of a part, and the two axes along which `at` is measured, part frame."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,12 +61,12 @@ class Placement:
 
     Attributes:
         position: centre of the object, carrier frame (3,) [m].
-        rotation: its axes as columns, carrier frame (3, 3).
-        half_height: half its extent along its z axis [m].
-        root: name of the tray or held object that it stands on in the end, or its own if it is held.
-        frame: frame of that root.
+        rotation: axes of the object as columns, carrier frame (3, 3).
+        half_height: half the extent of the object along its z axis [m].
+        root: name of the tray or held object at the bottom of the stack; for a held object its own name.
+        frame: frame of the root.
         planar: centre of the object in the frame of the root (3,) [m].
-        yaw: rotation about the z axis of the root [rad].
+        yaw: rotation of the object about the z axis of the root [rad].
     """
 
     position: Array
@@ -79,21 +79,33 @@ class Placement:
 
 
 def supports(body: ObjectConfig) -> tuple[str, ...]:
-    """Return the names of the supports of an object: none if it is held, two for a bridge."""
+    """Return the names of the supports of an object: none for a held object, two for a bridge.
+
+    Args:
+        body: the object.
+    """
     if body.on is None:
         return ()
     return (body.on,) if isinstance(body.on, str) else body.on
 
 
 def half_height(body: ObjectConfig | TrayConfig) -> float:
-    """Return half the vertical extent of an object or the tray [m]."""
+    """Return half the extent of an object or the tray along its z axis [m].
+
+    Args:
+        body: the object or the tray.
+    """
     height = body.size[2] if body.size is not None else getattr(body, "height", None)
     assert height is not None, "checked when the configuration was read"
     return 0.5 * float(height)
 
 
 def half_extents(body: ObjectConfig) -> Array:
-    """Return half the extents of an object along its own axes, (3,) [m]."""
+    """Return half the extents of an object along its own axes, (3,) [m].
+
+    Args:
+        body: the object.
+    """
     if body.size is not None:
         return 0.5 * np.array(body.size)
     assert body.radius is not None, "checked when the configuration was read"
@@ -101,7 +113,10 @@ def half_extents(body: ObjectConfig) -> Array:
 
 
 def standing_order(objects: Mapping[str, ObjectConfig]) -> tuple[str, ...]:
-    """Return the names of the objects, each after its supports.
+    """Return the names of the objects in an order in which each comes after its supports.
+
+    Args:
+        objects: the objects by name.
 
     Raises:
         ConfigError: the supports of an object lead neither to the tray nor to a held object.
@@ -121,7 +136,11 @@ Solids = tuple[tuple[str, ObjectConfig], ...]
 
 
 def solids(config: Config) -> Solids:
-    """Return the names and shapes of the objects, with standard masses and forces, on which places do not depend."""
+    """Return the names and shapes of the objects, with standard masses and forces, which do not affect their places.
+
+    Args:
+        config: the configuration.
+    """
     return tuple((name, _without_mass(body)) for name, body in config.objects.items())
 
 
@@ -136,13 +155,28 @@ def _without_mass(body: ObjectConfig) -> ObjectConfig:
 
 
 def placements(config: Config) -> dict[str, Placement]:
-    """Return the place of each object by name; supports come before the objects that stand on them."""
+    """Return the place of each object by name; supports come before the objects that stand on them.
+
+    Args:
+        config: the configuration.
+
+    Raises:
+        ConfigError: the supports of an object lead neither to the tray nor to a held object.
+    """
     return dict(placed(config.tray, solids(config)))
 
 
 @lru_cache(maxsize=64)
 def placed(tray: TrayConfig | None, solids: Solids) -> dict[str, Placement]:
-    """Return the places of objects by name, cached; see `placements`."""
+    """Return the places of objects by name, cached; see `placements`.
+
+    Args:
+        tray: the tray, if there is one.
+        solids: names and shapes of the objects.
+
+    Raises:
+        ConfigError: the supports of an object lead neither to the tray nor to a held object.
+    """
     found, objects = {}, dict(solids)
     if tray is not None:
         found[TRAY] = Placement(np.zeros(3), np.eye(3), half_height(tray), TRAY, CARRIER, np.zeros(3), 0.0)
@@ -157,7 +191,7 @@ def placed(tray: TrayConfig | None, solids: Solids) -> dict[str, Placement]:
 
 
 def _held(name: str, body: ObjectConfig, tool: Frame) -> Placement:
-    frame = held_frame(body, tool)
+    frame = _held_frame(body, tool)
     return Placement(frame.position, frame.rotation, half_height(body), name, frame, np.zeros(3), 0.0)
 
 
@@ -178,12 +212,12 @@ def _standing(body: ObjectConfig, below: list[Placement], found: Mapping[str, Pl
 
 
 def footprint(body: ObjectConfig, placement: Placement, points: int) -> Array:
-    """Return the outline of an object, seen along the z axis of its root, root frame (k, 2) [m].
+    """Return the outline of an object, projected along the z axis of its root, root frame (k, 2) [m].
 
     Args:
         body: the object.
-        placement: its place.
-        points: number of corners of a round outline.
+        placement: the place of the object.
+        points: number of corners that stand for a round outline.
     """
     if body.size is not None:
         return rectangle(placement.planar, np.array(body.size), placement.yaw)
@@ -195,7 +229,11 @@ def footprint(body: ObjectConfig, placement: Placement, points: int) -> Array:
 
 
 def tool_frame(tray: TrayConfig | None) -> Frame:
-    """Return the frame of the tool in the carrier frame."""
+    """Return the frame of the tool in the carrier frame.
+
+    Args:
+        tray: the tray; without one the carrier frame is the tool frame.
+    """
     if tray is None:
         return CARRIER
     pose = _pose(tray.pose)
@@ -203,18 +241,29 @@ def tool_frame(tray: TrayConfig | None) -> Frame:
 
 
 def holding_frame(hold: HoldConfig, tool: Frame) -> Frame:
-    """Return the frame of the cups' plane or of the centre between the pads, z towards the part, carrier frame."""
+    """Return the frame of the plane of the cups, or of the centre between the pads, in the carrier frame.
+
+    Its z axis points out of the tool, towards the part.
+
+    Args:
+        hold: the cups or the gripper.
+        tool: frame of the tool in the carrier frame.
+    """
     return tool @ _pose(hold.pose)
 
 
-def held_frame(body: ObjectConfig, tool: Frame) -> Frame:
-    """Return the frame of a held object in the carrier frame, given the frame of the tool in it."""
+def _held_frame(body: ObjectConfig, tool: Frame) -> Frame:
+    """Return the frame of a held object in the carrier frame, given the frame of the tool."""
     hold = _hold(body)
     return holding_frame(hold, tool) @ part_in_hold(body)
 
 
 def part_in_hold(body: ObjectConfig) -> Frame:
-    """Return the frame of a held object in the frame of its cups or of the centre between its pads."""
+    """Return the frame of a held object in the frame of its cups or of the centre between its pads.
+
+    Args:
+        body: the object; it must have `held_by`.
+    """
     hold, extents = _hold(body), half_extents(body)
     normal, u, v = FACES[hold.face]
     towards = yaw_matrix(hold.yaw) @ np.stack([u, np.cross(-normal, u), -normal])
@@ -223,7 +272,7 @@ def part_in_hold(body: ObjectConfig) -> Frame:
 
 
 def _depth(body: ObjectConfig) -> float:
-    """Return how far the origin of the holding frame is inside the part [m]: 0 for cups."""
+    """Return the depth of the origin of the holding frame inside the part [m]; 0 for cups."""
     hold = _hold(body)
     if not isinstance(hold, GripConfig):
         return 0.0

@@ -13,7 +13,14 @@ RAIL_EDGE, RAIL_HEIGHT = 0.01, 0.02
 
 
 def rail_box(rail: RailConfig) -> tuple[Array, Array, Array]:
-    """Return a rail as a box: its centre (3,) [m], axes as columns (3, 3) and half its edge lengths (3,) [m]."""
+    """Return a rail as a box.
+
+    Args:
+        rail: the rail.
+
+    Returns:
+        Centre (3,) [m], axes as columns (3, 3), and half the edge lengths (3,) [m], all in the world.
+    """
     axes = contact_axes(rail.normal, rail.along)
     half = 0.5 * np.array([rail.length, rail.size[1] + 2.0 * RAIL_EDGE, RAIL_HEIGHT])
     return np.array(rail.at) - half[2] * axes[:, 2], axes, half

@@ -1,6 +1,6 @@
 """Execution of plans in simulation: Monte Carlo trials in a world that the planner does not know.
 
-`execute` builds the world of `execution.truth` in MuJoCo, lets a joint controller follow the planned trajectory under
+`execute` builds the world of `execution.truth` in MuJoCo, runs a joint controller along the planned trajectory under
 random disturbances, and judges every object, contact and joint in every trial.
 """
 

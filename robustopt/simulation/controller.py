@@ -1,7 +1,7 @@
-"""Joint controller: a PID with gravity compensation or with the torque of the planned motion fed forward.
+"""Joint controller: a PID with gravity compensation, or with feedforward of the torque of the planned motion.
 
 The controller runs inside MuJoCo as one `pid` actuator per joint, with the planned position and velocity as inputs. The
-limit of a drive holds for the sum of its torques, gravity compensation included.
+limit of a drive applies to the sum of its torques, gravity compensation included.
 """
 
 from __future__ import annotations
@@ -23,8 +23,11 @@ WITH_TORQUE = POSITION_VELOCITY | int(_INPUTS.mjINPUT_FF)
 class Gains:
     """Gains of the controllers of m joints.
 
-    kp (m,) [N m/rad or N/m]; ki (m,) [N m/(rad s) or N/(m s)]; kd (m,) [N m s/rad or N s/m]; inputs: the inputs that
-    the controllers take, bits of MuJoCo's mjtCtrlInput
+    Attributes:
+        kp: proportional gains (m,) [N m/rad or N/m].
+        ki: integral gains (m,) [N m/(rad s) or N/(m s)].
+        kd: derivative gains (m,) [N m s/rad or N s/m].
+        inputs: inputs that the controllers take, bits of MuJoCo's mjtCtrlInput.
     """
 
     kp: Array
@@ -37,10 +40,15 @@ class Gains:
 class Reference:
     """Reference of the controllers, one row for each of N time steps; n coordinates.
 
-    t: start of each step, 0 at the start of the motion (N,) [s]; s: planned place on the path at that time (N,); q, qd:
-    planned coordinates and velocities at that time (N, n); qdd: accelerations in the middle of each step (N, n);
-    moving: steps of the motion (N,); torque: of the planned motion in the middle of each step (N, n) [N m or N], None
-    if it is not fed forward
+    Attributes:
+        t: start of each step (N,); 0 is the start of the motion [s].
+        s: planned position along the path at that time (N,).
+        q: planned coordinates at that time (N, n) [rad or m].
+        qd: planned velocities at that time (N, n) [rad/s or m/s].
+        qdd: planned accelerations in the middle of each step (N, n) [rad/s^2 or m/s^2].
+        moving: whether the step is part of the motion (N,).
+        torque: torque of the planned motion in the middle of each step (N, n) [N m or N]; None without feedforward of
+            it.
     """
 
     t: Array
@@ -54,7 +62,13 @@ class Reference:
 
 @dataclass(frozen=True)
 class JointLayout:
-    """Indices of the m joints with a motor: in qpos, in qvel, and of the first control input of each, (m,)."""
+    """Indices of the m joints with a motor in the arrays of a model.
+
+    Attributes:
+        joints: their indices in qpos (m,).
+        dofs: their indices in qvel (m,).
+        control: index of the first control input of each (m,).
+    """
 
     joints: Indices
     dofs: Indices
@@ -62,7 +76,13 @@ class JointLayout:
 
 
 def reference(trajectory: Trajectory, timestep: float, hold: tuple[float, float]) -> Reference:
-    """Sample a trajectory at every time step, between the times at rest before and after it."""
+    """Sample a trajectory at every time step, including the times at rest before and after the motion.
+
+    Args:
+        trajectory: the trajectory.
+        timestep: time step [s].
+        hold: times at rest before and after the motion [s].
+    """
     steps = int(np.ceil((hold[0] + trajectory.duration + hold[1]) / timestep - 1e-6))
     t = np.arange(steps, dtype=np.float64) * timestep - hold[0]
     start, middle = trajectory.sample(t), trajectory.sample(t + timestep / 2)
@@ -71,7 +91,14 @@ def reference(trajectory: Trajectory, timestep: float, hold: tuple[float, float]
 
 
 def controls(model: mujoco.MjModel, layout: JointLayout, planned: Reference, driven: slice) -> Array:
-    """Return the control inputs at every time step, (N, nu); driven: the coordinates that have a motor."""
+    """Return the control inputs at every time step, (N, nu).
+
+    Args:
+        model: model of the world.
+        layout: indices of the joints with a motor.
+        planned: reference of the controllers.
+        driven: the coordinates that have a motor.
+    """
     inputs = np.zeros((len(planned.t), model.nu))
     inputs[:, layout.control] = planned.q[:, driven]
     inputs[:, layout.control + 1] = planned.qd[:, driven]
@@ -81,7 +108,12 @@ def controls(model: mujoco.MjModel, layout: JointLayout, planned: Reference, dri
 
 
 def computed_torque(rigid: mujoco.MjModel, planned: Reference) -> Array:
-    """Return the torque of a motion beyond gravity compensation (N, n), of a robot with its load fixed to it."""
+    """Return the torque of a motion beyond gravity compensation, (N, n) [N m or N].
+
+    Args:
+        rigid: model of the robot with its load fixed to it.
+        planned: the motion.
+    """
     data = mujoco.MjData(rigid)
     torque = np.zeros_like(planned.q)
     for i in range(len(planned.t)):

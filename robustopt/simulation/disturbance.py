@@ -17,15 +17,27 @@ WORLD, CALIBRATION, FORCE = range(3)
 
 
 def generator(seed: int, trial: int, kind: int) -> np.random.Generator:
-    """Return the generator of one kind of randomness of one trial."""
+    """Return the random generator of one kind of randomness in one trial.
+
+    Args:
+        seed: seed of the experiment.
+        trial: number of the trial.
+        kind: WORLD, CALIBRATION or FORCE.
+    """
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(trial, kind)))
 
 
 def forces(disturbance: DisturbanceConfig, timestep: float, steps: int, random: np.random.Generator) -> Array:
-    """Sample the force on the disturbed body in each time step, world frame, shape (steps, 3) [N].
+    """Sample the force on the disturbed body in each time step, world frame, (steps, 3) [N].
 
-    A force f_k ~ N(0, deviation^2) is held for `hold`. Each step has the mean of the force over the step, so that the
-    impulse up to any time does not depend on the time step.
+    A force f_k ~ N(0, deviation^2) is held for `hold`. The force in a time step is the mean over the step, so the
+    impulse up to any time does not depend on the time step (our choice).
+
+    Args:
+        disturbance: deviation of the force, and the time for which it is held.
+        timestep: time step [s].
+        steps: number of time steps.
+        random: generator of the trial.
     """
     deviation = np.array(disturbance.force_deviation)
     if not deviation.any():
@@ -40,7 +52,16 @@ def forces(disturbance: DisturbanceConfig, timestep: float, steps: int, random: 
 
 
 def calibration(disturbance: DisturbanceConfig, joints: int, random: np.random.Generator) -> Array:
-    """Sample the offsets of the joints from the positions that the controller assumes, (n,) [rad or m]."""
+    """Sample the calibration offset of each joint, its actual minus its assumed position, (n,) [rad or m].
+
+    Args:
+        disturbance: deviation of the offsets.
+        joints: number n of joints.
+        random: generator of the trial.
+
+    Raises:
+        ConfigError: the deviation has neither one value nor one for each joint.
+    """
     deviation = disturbance.calibration_deviation
     if isinstance(deviation, tuple) and len(deviation) != joints:
         raise ConfigError(

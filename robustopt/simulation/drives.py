@@ -16,7 +16,15 @@ from robustopt.simulation.physics import PREFIX
 
 
 def frictional_limits(config: Config, robot: Robot) -> JointLimits:
-    """Return the limits of the joints with a motor, with friction whether or not the planner counts it."""
+    """Return the limits of the joints with a motor, with their friction even if the planner does not count it.
+
+    Args:
+        config: the configuration.
+        robot: the robot.
+
+    Raises:
+        RobotError: the robot cannot be used.
+    """
     frictional = config.model_copy(update={"robot": config.robot.model_copy(update={"joint_friction": True})})
     return joint_limits(frictional, load_model(config), robot.joint_names[robot.motors])
 
@@ -24,8 +32,12 @@ def frictional_limits(config: Config, robot: Robot) -> JointLimits:
 def add_drives(spec: mujoco.MjSpec, robot: Robot, limits: JointLimits, gains: Gains, compensated: float) -> None:
     """Give the joints their limits and friction, and each a motor with its controller.
 
-    limits, gains: of the joints with a motor; compensated: part of its own weight that the controller takes off the
-    robot
+    Args:
+        spec: specification of the world, which is changed.
+        robot: the robot.
+        limits: limits of the joints with a motor.
+        gains: gains of their controllers.
+        compensated: fraction of the robot's weight that the controller compensates.
     """
     for item in [*spec.actuators, *spec.sensors]:
         spec.delete(item)
@@ -52,7 +64,11 @@ def _set_joint(spec: mujoco.MjSpec, name: str, limits: JointLimits, i: int, hing
 
 
 def release(spec: mujoco.MjSpec) -> None:
-    """Let nothing of the robot touch anything."""
+    """Keep all parts of the robot from touching anything.
+
+    Args:
+        spec: specification of the world, which is changed.
+    """
     for pair in [*spec.pairs, *spec.excludes]:
         spec.delete(pair)
     for geom in spec.geoms:

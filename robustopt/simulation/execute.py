@@ -29,13 +29,13 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 MOST_STEPS = 1_000_000
-"""Time steps of a trial; twice as many would take some 4 GB of memory (our choice)."""
+"""Largest number of time steps of a trial; twice as many would take some 4 GB of memory (our choice)."""
 
 LONGEST_STEP = 0.1
-"""Longest time step as a part of the motion; a longer one is taken for a mistake (our choice)."""
+"""Longest time step as a fraction of the motion; a longer one is treated as a mistake (our choice)."""
 
 CHECKED = 10
-"""The stability of the controller is checked at every so many grid points: inertia changes slowly along a path."""
+"""Interval of grid points at which the stability of the controller is checked: inertia changes slowly along a path."""
 
 
 @dataclass(frozen=True)
@@ -43,17 +43,17 @@ class Executions:
     """Trials of a plan.
 
     Attributes:
-        outcomes: outcome of each trial, in their order.
-        requested: number of trials asked for; more than there are if the execution was interrupted.
+        outcomes: outcome of each trial, in the order of the trials.
+        requested: number of trials that were requested; larger than their number if the execution was interrupted.
         seed: seed of all trials.
         speed: factor on the speed of the plan.
         duration: duration of the motion at this speed [s].
         timestep: time step [s].
         steps: number of time steps of a trial.
-        confidence: level of `interval`.
+        confidence: confidence level of `interval`.
         feedback: acceleration error over all trials, None without a sample.
         alike: whether nothing is random, so that one simulation stands for all trials.
-        interrupted: whether Ctrl-C ended it, even if all trials were done by then.
+        interrupted: whether Ctrl-C ended the execution, even if all trials were done by then.
     """
 
     outcomes: tuple[TrialOutcome, ...]
@@ -119,26 +119,27 @@ def execute(
 ) -> Executions:
     """Execute a plan in the simulated world of `execution.truth`.
 
-    Trial k depends on the seed and on k alone: not on the number of trials, their order or the number of workers.
+    Trial k depends on the seed and on k alone, not on the number of trials, their order or the number of workers.
 
     Args:
         plan: the plan.
-        config: configuration with another section `execution`, or with other nominal values, intervals and solver, in
-            place of that of the plan; robot, path and scene must be the same.
+        config: configuration in place of that of the plan. Its section `execution`, nominal values, intervals and
+            solver may differ; robot, path and scene must be the same.
         trials: number of trials, in place of `execution.trials`.
-        seed: seed, in place of that of the configuration.
+        seed: seed, in place of the one in the configuration.
         speed: factor on the speed of the plan.
         numbers: numbers of the trials to run, in place of the first `trials`.
         workers: number of worker processes, or the processes or cluster that run the trials.
-        progress: called after every chunk with the number of trials done, asked for, and succeeded.
+        progress: function that is called after every chunk with the numbers of trials done, requested, and succeeded.
 
     Returns:
         The trials and their summary.
 
     Raises:
-        Infeasible: the plan is empty.
-        ConfigError: the configuration is of another task, or a key of `execution` does not fit the robot.
-        SimulationFailed: the plan is not finite, or worker processes died again and again.
+        Infeasible: the plan has no timing.
+        ConfigError: the configuration is of another task, a key of `execution` does not fit the robot, or a controller
+            is unstable.
+        SimulationFailed: the plan is not finite, or worker processes died repeatedly.
     """
     job = prepare(plan, config, seed, speed)
     execution, planned = job.execution, job.planned
@@ -151,7 +152,20 @@ def execute(
 
 
 def prepare(plan: Plan, config: Config | None = None, seed: int | None = None, speed: float = 1.0) -> Job:
-    """Prepare the trials of a plan; arguments and errors are those of `execute`."""
+    """Prepare the trials of a plan.
+
+    Args:
+        plan: the plan.
+        config: configuration with another section `execution`, in place of the configuration of the plan.
+        seed: seed, in place of the one in the configuration.
+        speed: factor on the speed of the plan.
+
+    Raises:
+        Infeasible: the plan has no timing.
+        ConfigError: the configuration is of another task, a key of `execution` does not fit the robot, or a controller
+            is unstable.
+        SimulationFailed: the plan is not finite.
+    """
     config = plan.problem.config if config is None else config
     require_same_task(config, plan)
     execution = config.execution or ExecutionConfig()
@@ -171,7 +185,7 @@ def prepare(plan: Plan, config: Config | None = None, seed: int | None = None, s
 def _torque(job: Job, plan: Plan, speed: float) -> Array:
     """Return the torque of the planned motion at the middle of each step, (N, n) [N m or N].
 
-    A walking robot shares its load between its contacts; the torque comes with the planned contact forces.
+    The contacts of a walking robot share its load, so its torque follows from the planned contact forces.
     """
     planned = job.planned
     if job.world.robot.contacts:
@@ -180,9 +194,13 @@ def _torque(job: Job, plan: Plan, speed: float) -> Array:
 
 
 def faster(plan: Plan, speed: float) -> Plan:
-    """Return the plan run `speed` times as fast: x and u grow with its square.
+    """Return the plan at `speed` times its speed; x and u grow with the square of `speed`.
 
-    They are made from sd, which a stored plan has number for number.
+    They are computed from sd, which a stored plan has digit for digit.
+
+    Args:
+        plan: the plan.
+        speed: factor on its speed.
     """
     x = (speed * np.sqrt(np.maximum(plan.x, 0.0))) ** 2
     return replace(plan, x=x, u=controls_of(plan.problem.ds, x), duration=plan.duration / speed)
@@ -192,7 +210,7 @@ def _require_usable(trajectory: Trajectory, execution: ExecutionConfig) -> None:
     for name in ("s", "sd", "times"):
         wrong = np.flatnonzero(~np.isfinite(getattr(trajectory, name)))
         if wrong.size:
-            raise SimulationFailed(f"The plan cannot be run: it is not a finite number at grid point {wrong[0]}.")
+            raise SimulationFailed(f"The plan cannot be executed: it is not a finite number at grid point {wrong[0]}.")
     if execution.timestep > LONGEST_STEP * trajectory.duration:
         raise ConfigError(
             f"found {execution.timestep:g} s; expected less than a tenth of the motion, which takes "

@@ -1,11 +1,11 @@
-"""Acceleration error: executed minus planned joint acceleration, as the learners need it.
+"""Acceleration error: executed minus planned joint acceleration, as the learners use it.
 
-The executed acceleration is the difference of the joint velocity over a time step, as the simulated robot really moved;
-the planned one is that of the middle of the step. A low-pass without phase shift cleans their difference, because the
-acceleration of a plan jumps and contacts chatter: content above the cut-off moves no object.
+The executed acceleration is the difference of the simulated joint velocity over a time step; the planned one is that in
+the middle of the step. Their difference passes a low-pass without phase shift, because the acceleration of a plan
+jumps and contacts chatter: content above the cut-off moves no object (our choice).
 
 Samples are the steps of the motion up to the first failure of the trial. Later steps, with an object on the floor or
-against the arm, say nothing about how well the robot follows the plan; they are cut off before the low-pass.
+against the arm, do not show how well the robot follows the plan; they are removed before the low-pass.
 """
 
 from __future__ import annotations
@@ -60,7 +60,12 @@ def acceleration_error(velocity: Array, planned: Array, timestep: float) -> tupl
 
 
 def low_passed(values: Array, timestep: float) -> Array:
-    """Return values over time (N, ...) low-passed at the cut-off, or unchanged if the steps are too long or few."""
+    """Return values over time after the low-pass, or unchanged if the time steps are too long or too few, (N, ...).
+
+    Args:
+        values: values over time (N, ...).
+        timestep: time step [s].
+    """
     margin = round(1 / CUTOFF / timestep)
     if 2 * CUTOFF * timestep >= 1 or len(values) <= margin:
         return values
@@ -94,7 +99,11 @@ def with_errors(outcome: TrialOutcome, velocity: Array, planned: Reference, time
 
 
 def feedback_of(outcomes: Sequence[TrialOutcome]) -> Feedback | None:
-    """Return the feedback of all trials, with the same weight for every sample; None without a sample."""
+    """Return the acceleration error over all trials, each sample with the same weight; None without a sample.
+
+    Args:
+        outcomes: outcomes of the trials.
+    """
     some = [outcome for outcome in outcomes if outcome.error_steps]
     if not some:
         return None

@@ -19,25 +19,34 @@ BANDWIDTH = 50.0
 """Natural frequency of the default gains [rad/s], about that of the first joint of the shipped arm (our choice)."""
 
 UPRIGHT = 10.0
-"""Least stiffness of the default gains of legs over the stiffness that topples the robot, as for the shipped humanoid
-(our choice)."""
+"""Smallest ratio of the default stiffness of legs to the stiffness below which the robot topples, as for the shipped
+humanoid (our choice)."""
 
 STABILITY = 0.5
-"""Part of the way to the instability of the sampled controller that default gains may go (our choice)."""
+"""Largest fraction of the stability limit of the sampled controller that default gains may reach (our choice)."""
 
 PID = int(mujoco.mjtDyn.mjDYN_PID)
 GROWTH = 1e-9
-"""Growth per step that rounding can give a constant."""
+"""Growth per step that rounding errors can give a constant mode."""
 
 SERVOS = {True: {PID, int(mujoco.mjtDyn.mjDYN_NONE)}, False: {PID}}
 """Actuators of a model file whose gains count: of a walking robot also its `position` actuators."""
 
 
 def gains_of(config: Config, robot: Robot, q: Array) -> Gains:
-    """Return the gains of the configuration, else those of the model file, else defaults.
+    """Return the gains from the configuration, else from the model file, else default gains.
 
-    A default gain comes from the inertia I of a joint, the largest of robot and load on the path q (P, n), and the
-    bandwidth w: kp = I w^2, kd = 2 I w, ki = 0 (critical damping). Exceptions: `_stable_part` and `_walking_gains`.
+    A default gain follows from the inertia I of a joint, the largest of robot and load along the path, and from the
+    bandwidth w: kp = I w^2, kd = 2 I w, ki = 0 (critical damping, our choice). `_stable_part` and `_walking_gains`
+    describe exceptions.
+
+    Args:
+        config: the configuration.
+        robot: the robot.
+        q: coordinates along the path (P, n) [rad or m].
+
+    Raises:
+        ConfigError: a gain has neither one value nor one for each joint.
     """
     execution = config.execution or ExecutionConfig()
     names, walks = robot.joint_names[robot.base :], robot.base > 0
@@ -54,7 +63,7 @@ def gains_of(config: Config, robot: Robot, q: Array) -> Gains:
 
 
 def _given(controller: ControllerConfig, kind: str, names: tuple[str, ...], otherwise: Array) -> Array:
-    """Return the gains (m,) that the configuration gives, once or per joint, else others."""
+    """Return the gains (m,) in the configuration, given once or per joint, else `otherwise`."""
     values = getattr(controller, kind)
     if values is None:
         return otherwise
@@ -85,22 +94,22 @@ def _arm_gains(config: Config, robot: Robot, q: Array, h: float) -> tuple[Array,
 
 
 def _stable_part(largest: Array, matrices: Array, h: float) -> Array:
-    """Return the inertia of each joint from which default gains may be made, (m,).
+    """Return the inertia of each joint on which its default gains are based, (m,).
 
-    Gains that suit a load many times heavier than the robot are unstable without it, and objects slide. Joints that
-    move much the same, such as two of a shoulder whose axes coincide, have little inertia against each other: gains for
-    all of it would be unstable, however sound each joint is by itself. So each joint counts with at most a multiple of
-    its inertia while all others give way: the largest multiple with which the controller goes no more than `STABILITY`
-    of the way to its instability.
+    Gains that suit a load many times heavier than the robot are unstable without it, and objects can slide off. Joints
+    that have nearly the same effect, such as two of a shoulder whose axes coincide, have little inertia against each
+    other: gains for the whole inertia would be unstable together, even if each joint is stable by itself. So each joint
+    counts with at most a multiple of its inertia while all others give way: the largest multiple with which the
+    controller stays within `STABILITY` of its limit of stability.
 
-    With m joints, STABILITY / m of the limit of each alone is always stable: the matrices are at least 1 / m of the
-    diagonal of that inertia. kp and kd shrink alike, so a joint that counts with a part f of its inertia has a damping
-    ratio of sqrt(f); a shorter time step leaves more.
+    With m joints, STABILITY / m of the limit of each joint alone is always stable, because the matrices are at least 1
+    / m of the diagonal of that inertia. kp and kd shrink alike, so a joint that counts with a fraction f of its inertia
+    has a damping ratio of sqrt(f); a shorter time step leaves more.
 
     Args:
         largest: inertia of each joint, loaded (m,).
         matrices: inertia of the joints along the path, unloaded (P, m, m).
-        h: time step [s]; one that is too long for the bandwidth changes nothing: the user has to shorten it.
+        h: time step [s]; if it is too long for the bandwidth, nothing is changed and the user has to shorten it.
     """
     flexibility = np.asarray(np.linalg.inv(matrices), dtype=np.float64)
     alone = 1.0 / np.diagonal(flexibility, axis1=1, axis2=2).max(axis=0)
@@ -121,10 +130,10 @@ def _stable_part(largest: Array, matrices: Array, h: float) -> Array:
 def _walking_gains(config: Config, robot: Robot, q: Array, h: float) -> tuple[Array, Array]:
     """Return kp and kd of the joints of a walking robot, (m,) each.
 
-    A joint of a standing leg holds up the rest of the robot, which topples with the torque m g h per radian (h: height
-    of the centre of mass): however light the foot, its kp is at least `UPRIGHT` times that. kd = 2 sqrt(kp I) damps a
-    limb in the air critically; it shrinks for all joints if the controller would go more than `STABILITY` of the way to
-    its instability.
+    A joint of a standing leg supports the rest of the robot, which topples with a torque of m g h per radian at height
+    h of the centre of mass. However light the foot, its kp is at least `UPRIGHT` times that. kd = 2 sqrt(kp I) damps a
+    limb in the air critically. It is reduced for all joints if the controller would otherwise exceed `STABILITY` of its
+    limit of stability.
     """
     matrices, load, _ = _dynamics(config, robot, q)
     inertia = _largest(matrices + load)
@@ -143,7 +152,7 @@ def _walking_gains(config: Config, robot: Robot, q: Array, h: float) -> tuple[Ar
 
 
 def _largest_share(stiffness: Array, flexibility: Array) -> float:
-    """Return the largest part of the inertia, whose inverse is flexibility (P, m, m), that a diagonal (m,) comes to."""
+    """Return the largest fraction of an inertia, with inverse `flexibility` (P, m, m), that a diagonal (m,) reaches."""
     root = np.sqrt(stiffness)
     return float(np.linalg.eigvalsh(root[:, None] * flexibility * root).max())
 
@@ -177,15 +186,27 @@ def _spatial_inertia(body: Body) -> Array:
 
 
 def require_stable(model: mujoco.MjModel, layout: JointLayout, gains: Gains, names: tuple[str, ...], q: Array) -> None:
-    """Refuse a time step or an integral gain at which a controller is unstable on the path q (P, m), a ConfigError.
+    """Check that the controllers are stable along the path.
 
     With the time step h, semi-implicit Euler and implicit joint damping D, the loop M qdd = -kp q - (kd + D) qd is
     stable if h^2 kp + 2 h (kd - D) < 4 M. M is the inertia of the robot with its tray, without objects, which can slide
-    on it. If the base floats, M is the inertia of the joints while the base gives way. MuJoCo's integrator for it makes
-    kd implicit too, so there the rule is stricter than the loop needs, but not stricter than the contacts of feet need.
+    on it. For a floating base, M is the inertia of the joints while the base gives way. MuJoCo's integrator for this
+    case makes kd implicit too, so the rule is stricter than the loop requires, but not stricter than the contacts of
+    feet require.
 
-    For integral gains, the largest eigenvalue of one step of the loop decides. More inertia, of a load or of a body
-    over a standing foot, makes that worse and is not counted, so a gain that is just accepted may still be too large.
+    For integral gains, the largest eigenvalue of one step of the loop decides. Additional inertia, of a load or of a
+    body over a standing foot, makes it worse and is not counted, so a gain that is just accepted may still be too
+    large.
+
+    Args:
+        model: model of the world.
+        layout: indices of the m joints with a motor.
+        gains: gains of their controllers.
+        names: names of the joints (m,).
+        q: positions of the joints along the path (P, m) [rad or m].
+
+    Raises:
+        ConfigError: the time step or an integral gain is too large.
     """
     data, h = mujoco.MjData(model), model.opt.timestep
     full, damping = np.zeros((model.nv, model.nv)), model.dof_damping[layout.dofs]
@@ -210,15 +231,15 @@ def require_stable(model: mujoco.MjModel, layout: JointLayout, gains: Gains, nam
 def _refuse(names: tuple[str, ...], worst: Array, growing: Array, gains: Gains, h: float) -> None:
     if worst.max() >= 1:
         raise ConfigError(
-            f"found {h:g} s; the controller of {names[int(np.argmax(worst))]} is unstable with so long a time step: "
+            f"found {h:g} s, but the controller of {names[int(np.argmax(worst))]} is unstable with this time step; "
             "expected a shorter one, or smaller gains in execution.controller",
             key="execution.timestep",
         )
     if growing.any():
         joint = int(np.argmax(growing))
         raise ConfigError(
-            f"found {gains.ki[joint]:g}; the controller of {names[joint]} is unstable with so large an integral gain: "
-            "expected well below kp kd / inertia of the joint",
+            f"found {gains.ki[joint]:g}, but the controller of {names[joint]} is unstable with this integral gain; "
+            "expected a gain well below kp kd / inertia of the joint",
             key="execution.controller.ki",
         )
 

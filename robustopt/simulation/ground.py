@@ -28,10 +28,10 @@ SOLREF, SOLIMP = (0.005, 1.0), (0.95, 0.99, 0.001, 0.5, 2.0)
 """Stiffness of the contacts of a hand, equal to that of the feet of the shipped humanoid."""
 
 FALLEN, ON_RAIL, ON_FLOOR = 1 << 20, 1 << 21, 1 << 22
-"""Contact bits of the geoms that touch the floor only after a fall, that is all but the feet; of the hand on a rail;
-and of the contact points of the feet, whatever bits the model file gives them."""
+"""Contact bits: of all geoms but the feet, which touch the floor only after a fall; of the hand on a rail; and of the
+contact points of the feet, in place of the bits in the model file."""
 OWN = FALLEN | ON_RAIL | ON_FLOOR
-"""All of them, which the geoms of the model file lose."""
+"""All of these bits; they are cleared on the geoms of the model file."""
 
 CONTACT_FIELDS = (mujoco.mjtConDataField.mjCONDATA_FORCE, mujoco.mjtConDataField.mjCONDATA_TORQUE,
                   mujoco.mjtConDataField.mjCONDATA_POS)  # fmt: skip
@@ -40,7 +40,13 @@ NET_FORCE = 3
 
 
 def add_ground(spec: mujoco.MjSpec, robot: Robot, rail: RailConfig | None) -> None:
-    """Add floor and rail, and let the robot's contacts touch them and nothing else."""
+    """Add floor and rail, which only the contacts of the robot touch, and other parts of it after a fall.
+
+    Args:
+        spec: specification of the world, which is changed.
+        robot: the walking robot.
+        rail: the rail, if there is one.
+    """
     spec.worldbody.add_geom(
         USUAL.default, name=FLOOR, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 0.05], contype=0,
         conaffinity=ON_FLOOR | FALLEN,
@@ -60,7 +66,16 @@ def add_ground(spec: mujoco.MjSpec, robot: Robot, rail: RailConfig | None) -> No
 
 
 def set_contacts(spec: mujoco.MjSpec, robot: Robot, parameters: Parameters) -> None:
-    """Give the contacts of a robot with its environment their actual friction and size."""
+    """Give the contacts of a robot with its environment their actual friction and size.
+
+    Args:
+        spec: specification of the world, which is changed.
+        robot: the robot.
+        parameters: actual parameters.
+
+    Raises:
+        ConfigError: an inset leaves nothing of a contact.
+    """
     for name in robot.contacts:
         if inset := parameters.inset.get(name, 0.0):
             _inset(spec, name, robot.site_frame(name)[1], inset)
@@ -69,7 +84,13 @@ def set_contacts(spec: mujoco.MjSpec, robot: Robot, parameters: Parameters) -> N
 
 
 def grounded(config: Config, robot: Robot, model: mujoco.MjModel) -> tuple[Grounded, ...]:
-    """Return the interfaces of a robot with its environment in a compiled model."""
+    """Return the interfaces of a robot with its environment.
+
+    Args:
+        config: the configuration.
+        robot: the robot.
+        model: compiled model of the world.
+    """
     if not robot.contacts:
         return ()
     stances, found = footsteps(config).stances, []
@@ -80,7 +101,7 @@ def grounded(config: Config, robot: Robot, model: mujoco.MjModel) -> tuple[Groun
 
 
 def _separate(spec: mujoco.MjSpec) -> None:
-    """Take contact bits of this package from the robot, and let all but its feet touch the floor after a fall."""
+    """Clear the contact bits of this package on the robot, and let all but its feet touch the floor after a fall."""
     on_feet = {spec.site(foot).parent.name for foot in FEET}
     for geom in spec.geoms:
         on_foot = geom.parent.name in on_feet

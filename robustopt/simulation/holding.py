@@ -3,7 +3,7 @@
 A lip or pad is a ring of small spheres on the tool at the planned contact points; they alone touch the part. The vacuum
 is a spring of 100 m from far inside the tool to the part: a force along the axis of the cup that is constant within
 1e-5 per millimetre and acts from the start. An actuator would be wrong on an arm, because MuJoCo adds its reaction on
-the tool to the torques of the motors, to which their limits apply. The closing force is a spring of the same length on
+the tool to the motor torques, which are limited. The closing force is a spring of the same length on
 the slide of the driven finger.
 """
 
@@ -35,20 +35,20 @@ RADIUS = 0.002
 """Radius of the spheres of a lip or pad [m]."""
 
 DEPTH = 1e-5
-"""Depth of these spheres in the part at the start [m]: without a contact at the start, the part would drop first."""
+"""Initial depth of these spheres in the part [m]: without initial contact, the part would drop first."""
 
 SPRING = 100.0
-"""Length of the springs that press [m], against which all movements are small."""
+"""Length of the springs that press the part [m]; all movements are small in comparison."""
 
 ARMATURE = 0.5
-"""Inertia of the finger's drive [kg]: without it a light finger creeps and loses its part early. It resists movement of
-the finger in the hand alone, and does not count against the closing force as the mass of the finger does."""
+"""Inertia of the finger's drive [kg]: without it a light finger creeps and loses its part early. It resists only
+the movement of the finger in the hand; unlike the mass of the finger it does not reduce the closing force."""
 
 LEAST_MASS = 1e-4
-"""Least mass of a finger [kg], for MuJoCo; it counts against the closing force."""
+"""Smallest mass of a finger that MuJoCo accepts [kg]; it reduces the closing force."""
 
 STROKE = 0.1
-"""Distance that the finger can move to either side [m], so that one that has lost its part stays in the picture."""
+"""Distance that the finger can move to either side [m], so that it stays in the picture if it loses its part."""
 
 UNSEEN = (0.0, 0.0, 0.0, 0.0)
 
@@ -57,9 +57,13 @@ UNSEEN = (0.0, 0.0, 0.0, 0.0)
 class Hold:
     """Cups or pads of one tool or hand that hold a part.
 
-    name: of the part, or of one of several hands that hold the tray; part: held object, or `tray`; holder: name of the
-    body of the cups and pads, whose frame is the carrier frame; place: planned frame of the part, carrier frame;
-    patches: their contacts; finger_mass: of the driven finger [kg]
+    Attributes:
+        name: name of the part, or of one of several hands that hold the tray.
+        part: name of the held object, or `tray`.
+        holder: name of the body that the cups and pads belong to, whose frame is the carrier frame.
+        place: planned frame of the part, carrier frame.
+        patches: contacts of the part with its cups or pads.
+        finger_mass: mass of the driven finger [kg].
     """
 
     name: str
@@ -76,7 +80,12 @@ class Hold:
 
 
 def holds_of(config: Config, hands: Sequence[Hand] = ()) -> tuple[Hold, ...]:
-    """Return the holds of a task: of each held object, and of several hands of a robot that hold its tray."""
+    """Return the holds of a task: one for each held object, and one for each of several hands that hold the tray.
+
+    Args:
+        config: the configuration.
+        hands: hands of the robot that hold its tray.
+    """
     found, contacts, places = [], patches(config), placements(config)
     for name, shape in config.objects.items():
         if shape.held_by is not None:
@@ -92,7 +101,12 @@ def holds_of(config: Config, hands: Sequence[Hand] = ()) -> tuple[Hold, ...]:
 
 
 def add_hands(spec: mujoco.MjSpec, robot: Robot) -> None:
-    """Add a body without mass at the carrier frame to each of several hands, as they are in the robot's posture."""
+    """Add to each of several hands a massless body at the carrier frame, placed as in the posture of the robot.
+
+    Args:
+        spec: specification of the world, which is changed.
+        robot: the robot.
+    """
     if not robot.hands:
         return
     model = robot.world_spec.compile()
@@ -108,7 +122,16 @@ def add_hands(spec: mujoco.MjSpec, robot: Robot) -> None:
 
 
 def add_hold(spec: mujoco.MjSpec, hold: Hold, parameters: Parameters) -> None:
-    """Add cups or pads, and measure the pose of their part in the carrier frame."""
+    """Add cups or pads, and sensors for the pose of their part in the carrier frame.
+
+    Args:
+        spec: specification of the world, which is changed.
+        hold: the hold.
+        parameters: actual parameters.
+
+    Raises:
+        ConfigError: an inset leaves nothing of a lip or pad.
+    """
     for patch in hold.patches:
         _add_patch(spec, hold, patch, parameters)
     add_pose_sensor(spec, hold.name, hold.body, hold.holder)
@@ -134,7 +157,13 @@ def _add_patch(spec: mujoco.MjSpec, hold: Hold, patch: Patch, parameters: Parame
 
 
 def add_finger(holder: mujoco.MjsBody, patch: Patch, mass: float) -> mujoco.MjsBody:
-    """Add the driven finger of a gripper, fixed to its holder; z of its frame points into the part."""
+    """Add the driven finger of a gripper, fixed to its holder; z of its frame points into the part.
+
+    Args:
+        holder: body that the finger belongs to.
+        patch: contact of its pad.
+        mass: mass of the finger [kg].
+    """
     finger = holder.add_body(name=PREFIX + patch.name, pos=patch.origin, quat=quaternion(patch.axes))
     finger.explicitinertial, finger.mass = True, max(mass, LEAST_MASS)
     finger.inertia = np.full(3, 1e-3 * finger.mass)
@@ -142,7 +171,12 @@ def add_finger(holder: mujoco.MjsBody, patch: Patch, mass: float) -> mujoco.MjsB
 
 
 def held(holds: Sequence[Hold], model: mujoco.MjModel) -> tuple[Held, ...]:
-    """Return the interfaces of held parts with their tools in a compiled model."""
+    """Return the interfaces of held parts with their tools.
+
+    Args:
+        holds: the holds.
+        model: compiled model of the world.
+    """
     found = []
     for hold in holds:
         counts = [len(patch.polygon) for patch in hold.patches]

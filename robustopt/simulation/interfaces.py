@@ -1,7 +1,7 @@
-"""Interfaces of the simulated world: contacts, and the floating base, whose motion decides about a trial.
+"""Interfaces of the simulated world: contacts and the floating base, whose motion decides whether a trial succeeds.
 
-Each interface turns the record of a trial into the movement of an object, a contact of the robot or its base against
-the planned place, and knows the ways to fail.
+Each interface turns the record of a trial into the movement of an object, a contact of the robot or its base relative
+to the plan, and knows the ways to fail.
 """
 
 from __future__ import annotations
@@ -25,31 +25,45 @@ TOUCHING = 1e-3
 level."""
 
 LANDING = 0.15
-"""Part of a phase for which a foot that has landed may still move: it carries next to nothing (our choice)."""
+"""Fraction of a phase in which a landed foot may still move, because it carries almost no load (our choice)."""
 
 LEAST_FORCE = 1e-6
 """A normal force below this counts as none [N]."""
 
 STEEP = 1e-6
-"""Keeps the rates of the angles finite if a falling robot lies on its face."""
+"""Smallest cosine of the pitch; it keeps the rates of the angles finite if a falling robot lies on its face."""
 
 
 class Interface(Protocol):
-    """A contact, or the floating base; `name`: of the object, environment contact or body that it is judged with."""
+    """A contact or the floating base, whose motion decides whether a trial succeeds."""
 
     @property
     def name(self) -> str:
-        """Return that name."""
+        """Return the name of the object, environment contact or body that it is judged with."""
 
     def motion(self, planned: Reference, record: Record, i: int) -> Motion:
-        """Return the movement in the trial with index i of a record."""
+        """Return the movement in a trial.
+
+        Args:
+            planned: reference of the controllers.
+            record: record of a chunk of trials.
+            i: index of the trial in the record.
+        """
 
     def criteria(self, failure: FailureConfig) -> tuple[Criterion, ...]:
-        """Return the ways to fail; of two in the same step the first counts."""
+        """Return the ways to fail; if two occur in the same time step, the first one counts.
+
+        Args:
+            failure: limits of the movements.
+        """
 
 
 def combined(motions: Sequence[Motion]) -> Motion:
-    """Return the movement of an object on several supports: the furthest from its place on any, the lift off all."""
+    """Return the movement of an object on several supports: the largest on any of them, but the smallest lift.
+
+    Args:
+        motions: movement on each support.
+    """
     slip, tilt, drop = (np.max([getattr(m, kind) for m in motions], axis=0) for kind in ("slip", "tilt", "drop"))
     return Motion(slip, tilt, drop, np.min([m.lift for m in motions], axis=0))
 
@@ -61,9 +75,14 @@ def combined(motions: Sequence[Motion]) -> Motion:
 class Standing:
     """An object on a support.
 
-    sensor: index of its pose in the frame of the support in the sensor data; position: planned centre in that frame
-    (3,) [m]; yaw: planned there [rad]; corners: points of its base whose movement is slip, from the object's centre
-    (k, 3) [m]; radius: of a round base [m]; top: height of the support's upper face above its centre [m]
+    Attributes:
+        name: name of the object.
+        sensor: index in the sensor data of the object's pose in the frame of the support.
+        position: planned centre in that frame (3,) [m].
+        yaw: planned yaw in that frame [rad].
+        corners: points of the base whose movement is slip, from the centre of the object (k, 3) [m].
+        radius: radius of a round base [m], None for another shape.
+        top: height of the support's upper face above the centre of the support [m].
     """
 
     name: str
@@ -82,7 +101,7 @@ class Standing:
         )  # fmt: skip
 
     def motion(self, planned: Reference, record: Record, i: int) -> Motion:
-        """Return the movement against the support."""
+        """Return the movement relative to the support."""
         x, y, z, *turn = np.ascontiguousarray(record.sensors[i][:, self.sensor : self.sensor + 7].T)
         (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = _rotation(*turn)
         cosine, sine = np.cos(self.yaw), np.sin(self.yaw)
@@ -101,11 +120,16 @@ class Standing:
 
 @dataclass(frozen=True)
 class Held:
-    """A part that cups or pads hold; all in the carrier frame.
+    """A part that cups or pads hold; all quantities are in the carrier frame.
 
-    sensor: index of its pose in the sensor data; position: planned centre (3,) [m]; rotation: planned axes as columns
-    (3, 3); points: of its lips and pads (k, 3) [m]; normals: of these points, from the tool into the part (k, 3);
-    rigid: points that can open, because the driven finger follows its part (k,)
+    Attributes:
+        name: name of the part, or of the hand that holds the tray.
+        sensor: index of the part's pose in the sensor data.
+        position: planned centre of the part (3,) [m].
+        rotation: planned axes of the part as columns (3, 3).
+        points: contact points of its lips and pads (k, 3) [m].
+        normals: normals at these points, from the tool into the part (k, 3).
+        rigid: whether the contact can open at a point (k,); the driven finger follows the part.
     """
 
     name: str
@@ -124,7 +148,7 @@ class Held:
         )
 
     def motion(self, planned: Reference, record: Record, i: int) -> Motion:
-        """Return the movement against the tool; `lift` is the largest opening of a lip or the fixed pad."""
+        """Return the movement relative to the tool; `lift` is the largest opening of a lip or of the fixed pad."""
         pose = record.sensors[i][:, self.sensor : self.sensor + 7]
         turned = _rotations(pose[:, 3:]) @ self.rotation.T
         arms = self.points - self.position
@@ -142,7 +166,13 @@ class Held:
 
 @dataclass(frozen=True)
 class Stand:
-    """A time in which a contact rests in one place: from `begin` to `end` in s, or to the end of the trial."""
+    """A time in which a contact rests in one place.
+
+    Attributes:
+        begin: s at the begin.
+        end: s at the end; at the end of the path it lasts to the end of the trial.
+        place: the place.
+    """
 
     begin: float
     end: float
@@ -150,7 +180,12 @@ class Stand:
 
 
 def stands(stances: Sequence[Stance], name: str) -> tuple[Stand, ...]:
-    """Return the times at which a contact rests: a foot from a little after it has landed until it lifts."""
+    """Return the times at which a contact rests; a foot rests from a little after it has landed until it lifts.
+
+    Args:
+        stances: stances of the path in their order.
+        name: name of the contact.
+    """
     found: list[Stand] = []
     before = False
     for stance in stances:
@@ -166,10 +201,12 @@ def stands(stances: Sequence[Stance], name: str) -> tuple[Stand, ...]:
 
 @dataclass(frozen=True)
 class MeasuredContact:
-    """Force on a foot from the floor, or on a hand from its rail, at the start of each step; low-passed.
+    """Force of the floor on a foot, or of a rail on a hand, at the start of each step; low-passed.
 
-    force: in the axes of the contact, the normal force last (N, 3) [N]; center_of_pressure: place in the plane of the
-    contact at which it acts, x and y in the world (N, 2) [m], nan without a force
+    Attributes:
+        force: force in the axes of the contact, the normal force last (N, 3) [N].
+        center_of_pressure: point in the plane of the contact at which it acts, x and y in the world (N, 2) [m]; nan
+            without a force.
     """
 
     force: Array
@@ -180,9 +217,13 @@ class MeasuredContact:
 class Grounded:
     """A foot on the floor or a hand on a rail.
 
-    sensor: index in the sensor data of the pose of its site (3 + 4), then of force, moment and place of its force on
-    the floor or the rail (3 + 3 + 3), world; points: contact points in the frame of its site (k, 3) [m]; stands: times
-    at which it rests; leaves: whether it fails by rising off its support, as a hand does
+    Attributes:
+        name: name of the contact.
+        sensor: index in the sensor data of the pose of its site (3 + 4); force, moment and point of its force on the
+            floor or rail follow, world frame (3 + 3 + 3).
+        points: contact points in the frame of the site (k, 3) [m].
+        stands: times at which the contact rests.
+        leaves: whether it fails by rising off its support, as a hand does.
     """
 
     name: str
@@ -197,7 +238,7 @@ class Grounded:
         return (*slips, Criterion(Status.LOST_CONTACT, "lift", failure.hand_lift)) if self.leaves else slips
 
     def motion(self, planned: Reference, record: Record, i: int) -> Motion:
-        """Return the movement while the contact rests, of its points that touch; 0 while it does not rest."""
+        """Return the movement of the points that touch while the contact rests; 0 while it does not rest."""
         s, place = planned.s, self.stands[0].place
         poses = record.sensors[i][:, self.sensor : self.sensor + 7]
         rotations = place.axes.T @ _rotations(poses[:, 3:])
@@ -216,7 +257,13 @@ class Grounded:
         return Motion(slip, np.where(standing, tilt, 0.0), none, np.where(standing, lowest, 0.0))
 
     def measured(self, record: Record, i: int, timestep: float) -> MeasuredContact:
-        """Return the force of the floor or rail on the contact in the trial with index i."""
+        """Return the force of the floor or rail on the contact in a trial.
+
+        Args:
+            record: record of a chunk of trials.
+            i: index of the trial in the record.
+            timestep: time step [s].
+        """
         wrench, place = record.sensors[i][:, self.sensor + 7 : self.sensor + 16].copy(), self.stands[0].place
         force, moment, point = np.split(wrench, 3, axis=1)
         # The sensor measures the force of the contact on the floor or the rail.
@@ -229,9 +276,11 @@ class Grounded:
 
 @dataclass(frozen=True)
 class Trunk:
-    """The floating base of a walking robot: the robot has fallen if it is too far from upright or too low.
+    """The floating base of a walking robot; the robot has fallen if the base is too far from upright or too low.
 
-    name: name of its body; height: its planned height at rest [m].
+    Attributes:
+        name: name of the body of the base.
+        height: planned height of the base at rest [m].
     """
 
     name: str
@@ -243,7 +292,7 @@ class Trunk:
         return Criterion(Status.FELL, "tilt", failure.trunk_tilt), Criterion(Status.FELL, "drop", drop)
 
     def motion(self, planned: Reference, record: Record, i: int) -> Motion:
-        """Return the movement against the plan."""
+        """Return the movement relative to the plan."""
         poses = positions_before(record, i)[:, :7]
         x, y = poses[:, 4], poses[:, 5]
         none = np.full(len(poses), np.nan)
@@ -252,14 +301,24 @@ class Trunk:
 
 
 def base_rates(record: Record, i: int) -> Array:
-    """Return the rates of the coordinates of a floating base, before each step and after the last, (N + 1, 6)."""
+    """Return the rates of the coordinates of a floating base, before each step and after the last, (N + 1, 6).
+
+    Args:
+        record: record of a chunk of trials.
+        i: index of the trial in the record.
+    """
     qpos = np.vstack([record.start_qpos[i, :7], record.qpos[i, :, :7]])
     qvel = np.vstack([record.start_qvel[i, :6], record.qvel[i, :, :6]])
     return np.column_stack([qvel[:, :3], turning(qpos[:, 3:], qvel[:, 3:])])
 
 
 def turning(quaternions: Array, spin: Array) -> Array:
-    """Return the rates of the angles about z, y and x (N, 3) [rad/s] for a spin in body axes (N, 3) [rad/s]."""
+    """Return the rates of the angles about z, y and x, (N, 3) [rad/s].
+
+    Args:
+        quaternions: orientation of the body (N, 4).
+        spin: angular velocity in the axes of the body (N, 3) [rad/s].
+    """
     w, x, y, z = quaternions.T
     roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
     pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))

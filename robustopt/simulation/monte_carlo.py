@@ -25,21 +25,21 @@ from robustopt.simulation.simulation import Record, Workspace, positions_before,
 from robustopt.simulation.world import Layout, World
 
 CHUNK = 25
-"""Most trials in one batch: enough to keep the threads busy."""
+"""Largest number of trials in one chunk: enough to keep the threads busy."""
 
 CHUNK_STEPS = 200_000
-"""Most time steps of all trials of a batch of several: few enough for some 300 MB of records."""
+"""Largest number of time steps of all trials in a chunk of several: records take up to about 300 MB."""
 
 CONNECT = 10
 """Longest time to wait for a Dask scheduler and its workers [s]."""
 
 Progress = Callable[[int, int, int], None]
-"""Called with the number of trials done, asked for, and succeeded."""
+"""Function that is called with the numbers of trials done, requested, and succeeded."""
 
 
 @dataclass(frozen=True)
 class Job:
-    """Everything that a worker needs to run any trial."""
+    """The data that a worker needs to run any trial."""
 
     config: Config
     gains: Gains
@@ -60,19 +60,34 @@ class Job:
         return {name: value for name, value in self.__dict__.items() if name != "world"}
 
     def with_torque(self, torque: Array) -> Job:
-        """Return the job with a torque (N, n) fed forward; it keeps the world that was built."""
+        """Return the job with a feedforward torque; it keeps the world that has been built.
+
+        Args:
+            torque: torque in the middle of each step (N, n) [N m or N].
+        """
         job = replace(self, planned=replace(self.planned, torque=torque))
         job.__dict__["world"] = self.world
         return job
 
     def parameters(self, trial: int) -> Parameters:
-        """Sample the actual parameters of a trial."""
+        """Sample the actual parameters of a trial.
+
+        Args:
+            trial: number of the trial.
+        """
         return actual_parameters(self.world.nominal, self.config, generator(self.seed, trial, WORLD))
 
 
 @dataclass(frozen=True)
 class Prepared:
-    """The start of k trials: numbers, actual parameters, calibration offsets (k, n), and the layout of their models."""
+    """The start of k trials.
+
+    Attributes:
+        trials: numbers of the trials.
+        parameters: actual parameters of each trial.
+        offsets: calibration offsets (k, n) [rad or m].
+        layout: layout of their models.
+    """
 
     trials: Sequence[int]
     parameters: Sequence[Parameters]
@@ -81,13 +96,36 @@ class Prepared:
 
 
 def run_trials(job: Job, trials: Sequence[int], threads: int, workspace: Workspace | None = None) -> list[TrialOutcome]:
-    """Run trials by their numbers, all in one chunk."""
+    """Run trials in one chunk, and return their outcomes.
+
+    Args:
+        job: the job.
+        trials: numbers of the trials.
+        threads: number of threads.
+        workspace: arrays to reuse.
+
+    Raises:
+        ConfigError: a key of `execution` does not fit the robot, or its values cannot be simulated.
+    """
     prepared, record = simulate_trials(job, trials, threads, workspace or Workspace())
     return [outcome_of(job, prepared, record, i) for i in range(len(trials))]
 
 
 def simulate_trials(job: Job, trials: Sequence[int], threads: int, workspace: Workspace) -> tuple[Prepared, Record]:
-    """Simulate trials by their numbers."""
+    """Simulate trials in one chunk.
+
+    Args:
+        job: the job.
+        trials: numbers of the trials.
+        threads: number of threads.
+        workspace: arrays to reuse.
+
+    Returns:
+        The start of the trials, and their record.
+
+    Raises:
+        ConfigError: a key of `execution` does not fit the robot, or its values cannot be simulated.
+    """
     execution, world = job.execution, job.world
     parameters = [job.parameters(k) for k in trials]
     models = [world.model(own) for own in (parameters if varies(execution.truth) else parameters[:1])]
@@ -123,7 +161,14 @@ def _pushed(world: World, layout: Layout, name: str | None) -> int:
 
 
 def outcome_of(job: Job, prepared: Prepared, record: Record, i: int) -> TrialOutcome:
-    """Return the outcome of the trial with index i of a chunk."""
+    """Return the outcome of one trial of a chunk.
+
+    Args:
+        job: the job.
+        prepared: start of the trials of the chunk.
+        record: record of the chunk.
+        i: index of the trial in the chunk.
+    """
     world, layout, planned, failure = job.world, prepared.layout, job.planned, job.execution.failure
     criteria, trial, parameters = layout.criteria(failure), prepared.trials[i], prepared.parameters[i]
     if record.diverged[i]:
@@ -137,7 +182,14 @@ def outcome_of(job: Job, prepared: Prepared, record: Record, i: int) -> TrialOut
 
 
 def tracking_error(job: Job, prepared: Prepared, record: Record, i: int) -> Array:
-    """Return the distance of the joints with a motor from their reference in a trial, (N, m)."""
+    """Return the distance of the joints with a motor from their reference in a trial, (N, m) [rad or m].
+
+    Args:
+        job: the job.
+        prepared: start of the trials of the chunk.
+        record: record of the chunk.
+        i: index of the trial in the chunk.
+    """
     driven = job.world.driven
     reached = positions_before(record, i, prepared.layout.joints)
     return np.asarray(reached - job.planned.q[:, driven] - prepared.offsets[i, driven])
@@ -147,7 +199,11 @@ def tracking_error(job: Job, prepared: Prepared, record: Record, i: int) -> Arra
 
 
 def share_cores(workers: int) -> tuple[int, int]:
-    """Return the number of processes and of threads of each: together at most as many as there are cores."""
+    """Return the number of processes and the number of threads of each, in total at most as many as there are cores.
+
+    Args:
+        workers: largest number of processes.
+    """
     processes = max(1, min(workers, cores()))
     return processes, max(1, cores() // processes)
 
@@ -168,10 +224,22 @@ class Workers:
 def run_all(
     job: Job, trials: Sequence[int], workers: Workers, progress: Progress | None
 ) -> tuple[list[TrialOutcome], bool]:
-    """Run trials; Ctrl-C keeps the chunks that were done before it. If trials are alike, one simulation stands for all.
+    """Run trials. Ctrl-C keeps the chunks that were done before it.
+
+    If no trial differs from another, one simulation stands for all.
+
+    Args:
+        job: the job.
+        trials: numbers of the trials.
+        workers: the processes or cluster that run them.
+        progress: function that is called after every chunk.
 
     Returns:
-        the outcomes in the order of the trials, and whether all trials were run.
+        The outcomes in the order of the trials, and whether all trials were run.
+
+    Raises:
+        ConfigError: a key of `execution` does not fit the robot, or its values cannot be simulated.
+        SimulationFailed: worker processes died repeatedly.
     """
     alike = bool(trials) and not is_random(job.execution)
     results = _here(job, [trials[:1]], 1) if alike else _chunk_outcomes(job, trials, workers)
@@ -201,7 +269,11 @@ def _chunk_outcomes(job: Job, trials: Sequence[int], workers: Workers) -> Genera
 
 
 def is_random(execution: ExecutionConfig) -> bool:
-    """Check whether trials differ: a force, a calibration offset or a parameter of the world is random."""
+    """Check whether trials differ, because a force, a calibration offset or a parameter of the world is random.
+
+    Args:
+        execution: the section `execution`.
+    """
     random = execution.disturbance
     return varies(execution.truth) or any(random.force_deviation) or bool(np.any(random.calibration_deviation))
 
@@ -233,4 +305,4 @@ def _on_cluster(job: Job, chunks: Sequence[Sequence[int]], scheduler: str) -> Ge
                 lambda chunk: client.submit(run_trials, job, chunk, 1, pure=False).result, chunks, ahead
             )
         except KilledWorker as error:
-            raise SimulationFailed(f"Workers of the Dask cluster died again and again: {error}") from error
+            raise SimulationFailed(f"Workers of the Dask cluster died repeatedly: {error}") from error

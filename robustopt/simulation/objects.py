@@ -20,15 +20,15 @@ from robustopt.simulation.parameters import Parameters
 from robustopt.simulation.physics import PREFIX, add_contact, quaternion, set_inertia
 
 CARRIER = PREFIX + "carrier"
-"""Body of the tray, or else of the cups and pads; its frame is the carrier frame."""
+"""Body of the tray, or of the cups and pads if there is no tray; its frame is the carrier frame."""
 
 ROUND_CORNERS = 16
-"""MuJoCo touches with a round face as if it were a regular polygon of so many corners, up to four of them at a time."""
+"""Number of corners of the regular polygon as which MuJoCo treats a round face; up to four of them touch at a time."""
 
 ROUND_GROWTH = 1.009
-"""A round base is two such polygons turned against each other, this much wider: by half the distance that their 32
-corners fall short of the circle, and by the loss as the load spreads over several (measured in
-tests/test_fidelity.py)."""
+"""Factor by which the two polygons that represent a round base, rotated relative to each other, are widened. It makes
+up for half the distance between their 32 corners and the circle, and for the loss as the load spreads over several
+corners (measured in tests/test_fidelity.py)."""
 
 PASSIVE = {"default": USUAL.default, "contype": 0, "conaffinity": 0}
 _HIDDEN = (0.0, 0.0, 0.0, 0.0)
@@ -36,9 +36,13 @@ _COLOURS = ((0.85, 0.45, 0.25), (0.25, 0.5, 0.85), (0.35, 0.65, 0.35), (0.8, 0.7
 
 
 def add_carrier(spec: mujoco.MjSpec, config: Config, parameters: Parameters, compensated: float) -> mujoco.MjsBody:
-    """Add the tray, or without one a body without mass, at the carrier frame; free if several hands hold it.
+    """Add the tray at the carrier frame, or a massless body without one; a tray that several hands hold is free.
 
-    compensated: part of its weight that the controller takes off
+    Args:
+        spec: specification of the world, which is changed.
+        config: the configuration.
+        parameters: actual parameters.
+        compensated: fraction of the tray's weight that the controller compensates.
     """
     if config.tray is not None and config.tray.hands is not None:
         body = spec.worldbody.add_body(name=CARRIER)
@@ -57,7 +61,16 @@ def add_carrier(spec: mujoco.MjSpec, config: Config, parameters: Parameters, com
 def add_object(
     parent: mujoco.MjsBody, config: Config, name: str, parameters: Parameters, position: Array, orientation: Array
 ) -> mujoco.MjsBody:
-    """Add an object with its shape, and with hidden shapes for its contacts."""
+    """Add an object with its visible shape and with hidden shapes for its contacts.
+
+    Args:
+        parent: body to which the object is added.
+        config: the configuration.
+        name: name of the object.
+        parameters: actual parameters.
+        position: position in the frame of the parent (3,) [m].
+        orientation: orientation in the frame of the parent, a quaternion (4,).
+    """
     shape = config.objects[name]
     body = parent.add_body(name=PREFIX + name, pos=position, quat=orientation)
     set_inertia(body, parameters.bodies[name])
@@ -65,7 +78,7 @@ def add_object(
     body.add_geom(name=PREFIX + name, rgba=(*colour, 1.0), **_shape(shape, 0.0), **PASSIVE)
     for base, turn in _bases(name, shape).items():
         size = _shape(shape, parameters.inset.get(name, 0.0), ROUND_GROWTH)
-        body.add_geom(name=base, quat=yaw_quaternion(turn), rgba=_HIDDEN, **size, **PASSIVE)
+        body.add_geom(name=base, quat=_yaw_quaternion(turn), rgba=_HIDDEN, **size, **PASSIVE)
     if shape.radius is not None:
         wide = _shape(shape, 0.0, ROUND_GROWTH / np.cos(np.pi / ROUND_CORNERS))
         body.add_geom(name=_top(name), rgba=_HIDDEN, **wide, **PASSIVE)
@@ -73,7 +86,13 @@ def add_object(
 
 
 def add_contacts(spec: mujoco.MjSpec, config: Config, parameters: Parameters) -> None:
-    """Let the base of each object touch its supports, and the shapes of all others each other."""
+    """Let the base of each object touch its supports, and the shapes of other pairs of objects touch each other.
+
+    Args:
+        spec: specification of the world, which is changed.
+        config: the configuration.
+        parameters: actual parameters.
+    """
     placed = placements(config)
     names = (*placed,) if config.tray is None else (TRAY, *placed)
     for lower, upper in combinations(names, 2):
@@ -88,14 +107,26 @@ def add_contacts(spec: mujoco.MjSpec, config: Config, parameters: Parameters) ->
 
 
 def add_pose_sensors(spec: mujoco.MjSpec, config: Config) -> None:
-    """Measure the pose of each object in the frames of its supports."""
+    """Add sensors for the pose of each object in the frames of its supports.
+
+    Args:
+        spec: specification of the world, which is changed.
+        config: the configuration.
+    """
     for name in placements(config):
         for support in supports(config.objects[name]):
             add_pose_sensor(spec, name, PREFIX + name, _body(support))
 
 
 def add_pose_sensor(spec: mujoco.MjSpec, name: str, body: str, frame: str) -> None:
-    """Measure the pose of a body in the frame of another; name: of the interface between them."""
+    """Add a sensor for the pose of a body in the frame of another one.
+
+    Args:
+        spec: specification of the world, which is changed.
+        name: name of the interface between the bodies.
+        body: name of the body.
+        frame: name of the other body.
+    """
     kinds, body_frame = mujoco.mjtSensor, mujoco.mjtObj.mjOBJ_XBODY
     for kind in (kinds.mjSENS_FRAMEPOS, kinds.mjSENS_FRAMEQUAT):
         spec.add_sensor(
@@ -105,7 +136,13 @@ def add_pose_sensor(spec: mujoco.MjSpec, name: str, body: str, frame: str) -> No
 
 
 def pose_sensor(model: mujoco.MjModel, name: str, frame: str) -> int:
-    """Return the index in the sensor data of the pose that `add_pose_sensor` measures."""
+    """Return the index in the sensor data of a pose that `add_pose_sensor` measures.
+
+    Args:
+        model: compiled model of the world.
+        name: name of the interface between the bodies.
+        frame: name of the other body.
+    """
     return int(model.sensor(f"{PREFIX}{name}_{frame}_mjSENS_FRAMEPOS").adr[0])
 
 
@@ -114,7 +151,12 @@ def _body(support: str) -> str:
 
 
 def standing(config: Config, model: mujoco.MjModel) -> tuple[Standing, ...]:
-    """Return the interfaces of the objects with their supports in a compiled model."""
+    """Return the interfaces of the objects with their supports.
+
+    Args:
+        config: the configuration.
+        model: compiled model of the world.
+    """
     tray = 0.0 if config.tray is None else half_height(config.tray)
     level = Placement(np.zeros(3), np.eye(3), tray, TRAY, CARRIER_FRAME, np.zeros(3), 0.0)
     placed, found = {TRAY: level, **placements(config)}, []
@@ -129,19 +171,23 @@ def standing(config: Config, model: mujoco.MjModel) -> tuple[Standing, ...]:
 
 
 def orientation(placement: Placement) -> Array:
-    """Return the orientation of an object in the carrier frame, a quaternion (4,)."""
+    """Return the orientation of an object in the carrier frame, a quaternion (4,).
+
+    Args:
+        placement: the place of the object.
+    """
     found = np.zeros(4)
-    mujoco.mju_mulQuat(found, quaternion(placement.frame.rotation), yaw_quaternion(placement.yaw))
+    mujoco.mju_mulQuat(found, quaternion(placement.frame.rotation), _yaw_quaternion(placement.yaw))
     return found
 
 
-def yaw_quaternion(yaw: float) -> Array:
+def _yaw_quaternion(yaw: float) -> Array:
     """Return the quaternion (4,) of a rotation about z [rad]."""
     return np.array([np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)])
 
 
 def _friction(config: Config, parameters: Parameters, name: str) -> float:
-    """Return the friction of a body where it touches others than its supports; none of the tray."""
+    """Return the friction of a body in contact with bodies other than its supports; 0 for the tray."""
     return 0.0 if name == TRAY else parameters.friction[contact_names(name, config.objects[name])[0]]
 
 

@@ -15,11 +15,11 @@ from robustopt.simulation.controller import Reference
 from robustopt.simulation.parameters import Parameters
 
 AT_LIMIT = 1e-9
-"""A torque within this part of its limit is at the limit: it reaches it exactly, but for rounding."""
+"""Relative distance from its limit within which a torque counts as at the limit: it gets there up to rounding."""
 
 
 class Status(Enum):
-    """The way in which a trial ended; `sentence` explains it."""
+    """The way a trial ended; `sentence` explains it."""
 
     SUCCESS = "success"
     SLID = "slid"
@@ -57,7 +57,7 @@ class ObjectOutcome:
     """Outcome of an object, of a contact of the robot with its environment, or of the floating base.
 
     Attributes:
-        status: its own first failure, or success.
+        status: first failure of this object, or success.
         time: time of that failure, 0 at the start of the motion; nan without one [s].
         slip: largest movement along its support, cup or pad [m].
         tilt: largest angle from its planned orientation [rad].
@@ -65,7 +65,7 @@ class ObjectOutcome:
         lift: largest distance of all of its base above the support, or of any point of a lip or fixed pad from the
             part [m].
 
-    A movement that does not count is nan.
+    A movement that does not apply is nan.
     """
 
     status: Status
@@ -83,12 +83,12 @@ class TrialOutcome:
     Attributes:
         trial: number of the trial.
         status: the first failure, or success.
-        what: name of the object, contact or joint that failed first, else empty.
+        what: name of the object, contact or joint that failed first; empty if none failed.
         time: time of that failure, 0 at the start of the motion; nan without one [s].
-        s: planned place on the path at that time; nan without a failure.
+        s: planned position along the path at that time; nan without a failure.
         objects: outcome by name of each object, environment contact and floating base.
         tracking_error: largest distance of a joint from its reference [rad or m].
-        torque: largest joint torque as a part of its limit.
+        torque: largest joint torque as a fraction of its limit.
         friction: actual coefficient of friction by contact.
         mass: actual mass by body [kg].
         force: actual force of the vacuum or gripper by held object [N].
@@ -119,13 +119,13 @@ class TrialOutcome:
 
     @property
     def success(self) -> bool:
-        """Check whether the trial succeeded; a simulation that diverged did not."""
+        """Check whether the trial succeeded; a diverged simulation is no success."""
         return self.status is Status.SUCCESS
 
 
 @dataclass(frozen=True)
 class Motion:
-    """Movement over time against the planned place, (N,) each; the kinds of movement are those of `ObjectOutcome`."""
+    """Movement over time relative to the plan, (N,) each; the kinds of movement are those of `ObjectOutcome`."""
 
     slip: Array
     tilt: Array
@@ -147,8 +147,15 @@ def judge(
 ) -> TrialOutcome:  # fmt: skip
     """Return the outcome of a trial that did not diverge.
 
-    motions, criteria: by name of each object, environment contact and floating base; torque: of each joint as a part of
-    its limit, by name (N,); tracking_error: largest distance of a joint from its reference [rad or m]
+    Args:
+        trial: number of the trial.
+        parameters: actual parameters.
+        failure: criteria of failure.
+        planned: reference of the controllers.
+        motions: movement of each object, environment contact and floating base, by name.
+        criteria: ways in which each of these fails, by name.
+        torque: torque of each joint as a fraction of its limit, by name (N,).
+        tracking_error: largest distance of a joint from its reference [rad or m].
     """
     objects = {name: _judge_object(motion, criteria[name], planned.t) for name, motion in motions.items()}
     events = [(item.time, item.status, name) for name, item in objects.items() if item.status is not Status.SUCCESS]
@@ -164,7 +171,13 @@ def judge(
 
 
 def diverged(trial: int, parameters: Parameters, names: Sequence[str]) -> TrialOutcome:
-    """Return the outcome of a trial whose simulation diverged; names: as in `TrialOutcome.objects`."""
+    """Return the outcome of a trial whose simulation diverged.
+
+    Args:
+        trial: number of the trial.
+        parameters: actual parameters.
+        names: names of the objects, environment contacts and floating base.
+    """
     lost = ObjectOutcome(Status.DIVERGED, *[float("nan")] * 5)
     return TrialOutcome(
         trial, Status.DIVERGED, "", np.nan, np.nan, dict.fromkeys(names, lost), np.nan, np.nan, *_reported(parameters)

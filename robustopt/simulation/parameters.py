@@ -1,7 +1,7 @@
 """Parameters of the simulated world: friction, masses, holding forces and contact geometry.
 
-The nominal parameters are the plan's. The actual ones are those of `execution.truth`, nominal if it gives none. Values
-that vary are sampled anew for each trial, from the generator of that trial.
+The nominal parameters are those of the plan. The actual ones come from `execution.truth`; a value that it does not give
+is nominal. Values that vary are sampled for each trial from the generator of that trial.
 """
 
 from __future__ import annotations
@@ -19,14 +19,17 @@ from robustopt.limits.bodies import INERTIA_TERMS, inertia_matrix
 from robustopt.robot import Robot
 
 Sampler = Callable[[float, float, bool], float]
-"""Samples about a value with a deviation; the last argument says whether the result must be above 0."""
+"""Function that samples about a value with a deviation; the last argument says whether the result must be above 0."""
 
 
 @dataclass(frozen=True)
 class BodyParameters:
     """Inertial parameters of the tray, an object or a body of the robot.
 
-    mass [kg]; center_of_mass: frame of the body (3,) [m]; inertia: about it, axes of the body (3, 3) [kg m^2]
+    Attributes:
+        mass: mass [kg].
+        center_of_mass: centre of mass in the frame of the body (3,) [m].
+        inertia: inertia about the centre of mass, axes of the body (3, 3) [kg m^2].
     """
 
     mass: float
@@ -38,9 +41,12 @@ class BodyParameters:
 class Parameters:
     """Parameters of one world.
 
-    friction: coefficient by contact; bodies: inertial parameters of the tray (`tray`), the objects, and the robot's
-    bodies that `execution.truth` names; force: of each cup or of the gripper by held object [N]; inset: distance by
-    which a base, sole, palm, lip or pad is smaller than planned on every side, by name [m]
+    Attributes:
+        friction: coefficient of friction by contact.
+        bodies: inertial parameters of the tray (`tray`), of the objects, and of the bodies of the robot that
+            `execution.truth` names.
+        force: force of each cup or of the gripper, by held object [N].
+        inset: distance by which a base, sole, palm, lip or pad is smaller than planned on every side, by name [m].
     """
 
     friction: Mapping[str, float]
@@ -49,13 +55,17 @@ class Parameters:
     inset: Mapping[str, float] = field(default_factory=dict)
 
 
-def truth_of(config: Config) -> TruthConfig:
+def _truth_of(config: Config) -> TruthConfig:
     """Return `execution.truth` of a configuration."""
     return config.execution.truth if config.execution is not None else TruthConfig()
 
 
 def varies(truth: TruthConfig) -> bool:
-    """Check whether the world differs from trial to trial."""
+    """Check whether the parameters of the world differ from trial to trial.
+
+    Args:
+        truth: the section `execution.truth`.
+    """
     varied = truth.variation
     spreads = [*_numbers(varied.friction), *varied.mass.values(), *varied.force.values()]
     spreads += [value for vector in varied.center_of_mass.values() for value in vector]
@@ -63,7 +73,15 @@ def varies(truth: TruthConfig) -> bool:
 
 
 def nominal_parameters(config: Config, robot: Robot) -> Parameters:
-    """Return the planner's values, the middle of an interval of force; a ConfigError for bodies that do not exist."""
+    """Return the nominal values of the planner; for an interval of force its middle.
+
+    Args:
+        config: the configuration.
+        robot: the robot.
+
+    Raises:
+        ConfigError: `execution.truth` names a body that the robot does not have.
+    """
     friction = {
         name: value_of(config.contact.friction, (name, body), np.nan) for name, body in config.interfaces.items()
     }
@@ -82,7 +100,7 @@ def nominal_parameters(config: Config, robot: Robot) -> Parameters:
 
 def _named_bodies(config: Config, robot: Robot) -> list[str]:
     """List the bodies of the robot that `execution.truth` names."""
-    truth = truth_of(config)
+    truth = _truth_of(config)
     given: dict[str, Mapping[str, object]] = {
         "mass": truth.mass, "center_of_mass": truth.center_of_mass, "inertia": truth.inertia,
         "variation.mass": truth.variation.mass, "variation.center_of_mass": truth.variation.center_of_mass,
@@ -99,8 +117,14 @@ def _named_bodies(config: Config, robot: Robot) -> list[str]:
 
 
 def actual_parameters(nominal: Parameters, config: Config, random: np.random.Generator) -> Parameters:
-    """Sample the parameters of one trial."""
-    truth = truth_of(config)
+    """Sample the parameters of one trial.
+
+    Args:
+        nominal: nominal parameters.
+        config: the configuration.
+        random: generator of the trial.
+    """
+    truth = _truth_of(config)
     sample, varied = _sampler(truth.variation, random), truth.variation
     friction = {}
     for name, value in nominal.friction.items():
@@ -116,7 +140,16 @@ def actual_parameters(nominal: Parameters, config: Config, random: np.random.Gen
 
 
 def require_some_left(contact: str, inset: float, reach: Array) -> None:
-    """Check that an inset [m] is less than the distances of contact points from the middle of their contact [m]."""
+    """Check that an inset leaves something of a contact.
+
+    Args:
+        contact: name of the contact.
+        inset: the inset [m].
+        reach: distances of the contact points from the middle of the contact [m].
+
+    Raises:
+        ConfigError: the inset exceeds one of these distances.
+    """
     if np.any(reach < inset):
         message = f"found {inset:g} m, which leaves nothing of {contact}; expected less than {reach.min():g} m"
         raise ConfigError(message, key=f"execution.truth.contact_inset.{contact}")

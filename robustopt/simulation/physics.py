@@ -17,14 +17,14 @@ from robustopt.robot.model_file import USUAL
 from robustopt.simulation.parameters import BodyParameters
 
 PREFIX = "robustopt_"
-"""Keeps the names of added parts apart from the names in the robot's file."""
+"""Prefix of the names of added parts, so that they differ from the names in the robot's file."""
 
 SOLREF_STEPS = 2.0
-"""Time constant of a contact in time steps: the smallest that MuJoCo holds to be stable. A contact drifts in proportion
+"""Time constant of a contact in time steps: the smallest that MuJoCo considers stable. A contact drifts in proportion
 to it while its support accelerates on a curved path."""
 
 SOLIMP = (0.95, 0.95, 0.001, 0.5, 2.0)
-"""Impedance of a contact: nearer to 1 it chatters, further from 1 peeling and twisting begin early."""
+"""Impedance of a contact: it chatters with values nearer to 1, and peels and twists too early with smaller values."""
 
 HOLDING_RATIO = 100.0
 """Ratio of frictional to normal impedance if cups or pads hold a part: at 10 it creeps ten times faster."""
@@ -34,9 +34,12 @@ HOLDING_RATIO = 100.0
 class Physics:
     """Settings of the simulation that differ between kinds of robots.
 
-    integrator: MuJoCo's; impedance_ratio: stiffness of friction over that of the normal direction, against creep;
-    iterations, tolerance: of the contact solver; compensated: part of its own weight that the controller takes off the
-    robot
+    Attributes:
+        integrator: MuJoCo's integrator.
+        impedance_ratio: stiffness of friction relative to that in the normal direction; a large one prevents creep.
+        iterations: largest number of iterations of the contact solver.
+        tolerance: tolerance of the contact solver.
+        compensated: fraction of the robot's weight that the controller compensates.
     """
 
     integrator: mujoco.mjtIntegrator
@@ -52,13 +55,24 @@ WALKING = Physics(mujoco.mjtIntegrator.mjINT_IMPLICITFAST, 20.0, 50, 1e-8, 0.0)
 
 
 def physics_of(base: int, holds: bool) -> Physics:
-    """Return the settings for a robot with so many base coordinates, 0 for an arm; holds: by cups or pads."""
+    """Return the settings for a robot.
+
+    Args:
+        base: number of base coordinates, 0 for an arm.
+        holds: whether cups or pads hold a part.
+    """
     found = WALKING if base else ARM
     return replace(found, impedance_ratio=HOLDING_RATIO) if holds else found
 
 
 def set_options(spec: mujoco.MjSpec, physics: Physics, timestep: float) -> None:
-    """Set integrator and contact solver of a specification."""
+    """Set integrator and contact solver.
+
+    Args:
+        spec: specification of the world, which is changed.
+        physics: the settings.
+        timestep: time step [s].
+    """
     option = spec.option
     option.timestep, option.integrator = timestep, physics.integrator
     option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
@@ -70,7 +84,14 @@ def set_options(spec: mujoco.MjSpec, physics: Physics, timestep: float) -> None:
 
 
 def add_contact(spec: mujoco.MjSpec, first: str, second: str, friction: float) -> None:
-    """Let two shapes touch, with a coefficient of friction of their own."""
+    """Let two shapes touch with a coefficient of friction of their own.
+
+    Args:
+        spec: specification of the world, which is changed.
+        first: name of the one shape.
+        second: name of the other shape.
+        friction: coefficient of friction.
+    """
     spec.add_pair(
         USUAL.default, geomname1=first, geomname2=second, condim=3, friction=[friction, friction, 0.0, 0.0, 0.0],
         solref=[SOLREF_STEPS * spec.option.timestep, 1.0], solimp=SOLIMP,
@@ -78,7 +99,12 @@ def add_contact(spec: mujoco.MjSpec, first: str, second: str, friction: float) -
 
 
 def set_inertia(body: mujoco.MjsBody, parameters: BodyParameters) -> None:
-    """Give a body its mass, centre of mass and inertia."""
+    """Give a body its mass, centre of mass and inertia.
+
+    Args:
+        body: the body, which is changed.
+        parameters: its inertial parameters.
+    """
     body.explicitinertial = True
     body.mass, body.ipos = parameters.mass, parameters.center_of_mass
     i = parameters.inertia
@@ -86,7 +112,11 @@ def set_inertia(body: mujoco.MjsBody, parameters: BodyParameters) -> None:
 
 
 def quaternion(axes: Array) -> Array:
-    """Return the quaternion (4,) of a frame whose axes are the columns of a matrix (3, 3)."""
+    """Return the orientation of a frame as a quaternion (4,).
+
+    Args:
+        axes: axes of the frame as columns (3, 3).
+    """
     found = np.zeros(4)
     mujoco.mju_mat2Quat(found, np.ascontiguousarray(axes).ravel())
     return found

@@ -15,7 +15,7 @@ from robustopt.robot.model_file import USUAL
 from robustopt.simulation.ground import FLOOR, RAIL
 
 AWAY, AROUND, ABOVE = 0.6, 215.0, -18.0
-"""Camera of an arm: distance beyond the length of the path [m], angle about the vertical and over the horizon [deg]."""
+"""Camera of an arm: distance beyond the path length [m], angles about the vertical and above the horizon [deg]."""
 
 WALKING_AWAY, WALKING_AROUND, WALKING_ABOVE = 3.2, 110.0, -14.0
 """Camera of a walking robot: distance in heights of the pelvis, beyond the length of the walk; angle about the vertical
@@ -25,7 +25,14 @@ _SKY = (0.93, 0.95, 0.97)
 
 
 class View(NamedTuple):
-    """A camera: the point it looks at (3,), its distance [m], angle about the vertical and over the horizon [deg]."""
+    """A camera.
+
+    Attributes:
+        lookat: the point at which it looks, world frame (3,) [m].
+        distance: distance from this point [m].
+        azimuth: angle about the vertical [deg].
+        elevation: angle above the horizon [deg].
+    """
 
     lookat: Array
     distance: float
@@ -34,7 +41,13 @@ class View(NamedTuple):
 
 
 def view_of(config: Config, robot: Robot, q: Array) -> View:
-    """Return a camera that sees the whole path of a robot, coordinates q (P, n)."""
+    """Return a camera that sees the whole path of a robot.
+
+    Args:
+        config: the configuration.
+        robot: the robot.
+        q: coordinates along the path (P, n) [rad or m].
+    """
     if not robot.contacts:
         carrier, _ = robot.carrier_pose(q)
         return View(carrier.mean(axis=0), AWAY + float(np.ptp(carrier, axis=0).max()), AROUND, ABOVE)
@@ -45,7 +58,13 @@ def view_of(config: Config, robot: Robot, q: Array) -> View:
 
 
 def add_scenery(spec: mujoco.MjSpec, config: Config, robot: Robot) -> None:
-    """Add a light background, and for a walking robot tiles, footprints and the posts of a rail."""
+    """Add a light background, and for a walking robot tiles, footprints and the posts of a rail.
+
+    Args:
+        spec: specification of the world, which is changed.
+        config: the configuration.
+        robot: the robot.
+    """
     kind, gradient = mujoco.mjtTexture.mjTEXTURE_SKYBOX, mujoco.mjtBuiltin.mjBUILTIN_GRADIENT
     spec.add_texture(type=kind, builtin=gradient, rgb1=_SKY, rgb2=_SKY, width=8, height=48)
     if robot.contacts:

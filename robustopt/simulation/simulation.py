@@ -22,9 +22,14 @@ CONTROL = int(mujoco.mjtState.mjSTATE_CTRL) | int(mujoco.mjtState.mjSTATE_XFRC_A
 class Record:
     """States of k trials over N time steps.
 
-    qpos (k, N, nq), qvel (k, N, nv): after each step; start_qpos (k, nq), start_qvel (k, nv): before the first; sensors
-    (k, N, .) and torque (k, N, nv), of drives and gravity compensation together: at the start of each step; diverged:
-    (k,)
+    Attributes:
+        qpos: positions after each step (k, N, nq).
+        qvel: velocities after each step (k, N, nv).
+        start_qpos: positions before the first step (k, nq).
+        start_qvel: velocities before the first step (k, nv).
+        sensors: sensor data at the start of each step (k, N, .).
+        torque: torque of drives and gravity compensation together, at the start of each step (k, N, nv).
+        diverged: whether the simulation of a trial diverged (k,).
     """
 
     qpos: Array
@@ -37,26 +42,43 @@ class Record:
 
 
 def positions_before(record: Record, i: int, chosen: slice | Indices = slice(None)) -> Array:
-    """Return positions of the trial with index i at the start of each step, (N, m); chosen: their indices in qpos."""
+    """Return positions at the start of each step of a trial, (N, m).
+
+    Args:
+        record: the record.
+        i: index of the trial in the record.
+        chosen: indices of the positions in qpos.
+    """
     return np.vstack([record.start_qpos[i, chosen], record.qpos[i, :-1][:, chosen]])
 
 
 def velocities(record: Record, i: int, dofs: Indices) -> Array:
-    """Return velocities of the trial with index i before each step and after the last, (N + 1, m)."""
+    """Return velocities of a trial before each step and after the last, (N + 1, m).
+
+    Args:
+        record: the record.
+        i: index of the trial in the record.
+        dofs: indices of the velocities in qvel (m,).
+    """
     return np.vstack([record.start_qvel[i, dofs], record.qvel[i][:, dofs]])
 
 
 class Workspace:
-    """Large arrays for reuse from chunk to chunk: to zero new ones costs as much as a tenth of a run.
+    """Large arrays for reuse from chunk to chunk, because filling new ones with zeros takes a tenth of a run.
 
-    A record made in a workspace is valid until the next one.
+    A record made in a workspace is valid until the next one is made.
     """
 
     def __init__(self) -> None:
         self._arrays: dict[str, Array] = {}
 
     def array(self, name: str, shape: tuple[int, ...]) -> Array:
-        """Return an array of the shape: of zeros at first, later with its last content."""
+        """Return an array: filled with zeros at first, later with its last content.
+
+        Args:
+            name: name of the array.
+            shape: shape of the array.
+        """
         found = self._arrays.get(name)
         if found is None or found.shape != shape:
             found = self._arrays[name] = np.zeros(shape)
@@ -66,10 +88,14 @@ class Workspace:
 def simulate(
     models: Sequence[mujoco.MjModel], start: Array, control: Array, threads: int, workspace: Workspace
 ) -> Record:
-    """Run k trials from rest, so many threads at a time.
+    """Run k trials from rest.
 
-    models: one for all trials, or one for each; start: qpos (k, nq); control: inputs, then the external forces on all
-    bodies (k, N, nu + 6 nbody)
+    Args:
+        models: one model for all trials, or one for each.
+        start: qpos of each trial before it settles (k, nq).
+        control: control inputs, then the external forces on all bodies (k, N, nu + 6 nbody).
+        threads: number of threads.
+        workspace: arrays for the record.
     """
     trials, steps = control.shape[:2]
     model = models[0]
@@ -90,7 +116,7 @@ def simulate(
 
 
 def _settle(batch: Batch, models: Sequence[mujoco.MjModel], start: Array, inputs: Array) -> None:
-    """Bring all trials to rest; trials that are alike settle once."""
+    """Bring all trials to rest; identical trials settle once."""
     steps = round(SETTLE / batch.model.opt.timestep)
     alike = len(models) == 1 and bool((start == start[0]).all() and (inputs == inputs[0]).all())
     settled = Batch(batch.model, 1, 1) if alike else batch

@@ -1,4 +1,4 @@
-"""One trial over time: it is simulated again, because trial k alone equals trial k of many."""
+"""One trial over time. It is simulated again, because trial k by itself equals trial k of many."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ class Trace:
     Attributes:
         outcome: outcome of the trial.
         t: start of each step, 0 at the start of the motion (N,) [s].
-        moving: steps of the motion (N,).
-        tracking_error: joint positions less their reference (N, m) [rad or m].
+        moving: whether the step is part of the motion (N,).
+        tracking_error: joint positions minus their reference (N, m) [rad or m].
         planned: planned acceleration (N, n) [rad/s^2 or m/s^2].
         executed: planned acceleration plus the low-passed error (N, n) [rad/s^2 or m/s^2].
         objects: movement by name of each object, environment contact and floating base.

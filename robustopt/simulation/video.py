@@ -23,7 +23,7 @@ Image = NDArray[np.uint8]
 FRAMES_PER_SECOND = 30
 WIDTH, HEIGHT = 480, 360
 STRIP = 6
-"""Frames of a strip."""
+"""Number of frames in a strip."""
 
 
 def film(plan: Plan, traces: Sequence[Trace], config: Config | None = None, seed: int | None = None) -> list[Image]:

@@ -1,4 +1,4 @@
-"""The simulated world of a task: its robot under the controller, floor and rail, and everything the robot carries."""
+"""The simulated world of a task: the controlled robot, floor and rail, and everything that the robot carries."""
 
 from __future__ import annotations
 
@@ -28,8 +28,10 @@ from robustopt.simulation.simulation import Record, velocities
 class Layout(JointLayout):
     """Indices in the arrays of a compiled world.
 
-    bodies: number of each body on which a force can act, by name; objects: first index in qpos of each object;
-    interfaces: contacts, and the floating base, whose motion decides about a trial
+    Attributes:
+        bodies: number of each body on which a force can act, by name.
+        objects: first index in qpos of each object.
+        interfaces: contacts, and the floating base, whose motion decides whether a trial succeeds.
     """
 
     bodies: Mapping[str, int]
@@ -37,22 +39,38 @@ class Layout(JointLayout):
     interfaces: tuple[Interface, ...]
 
     def motions(self, planned: Reference, record: Record, i: int) -> dict[str, Motion]:
-        """Return the movement of each object, environment contact and floating base in a trial, by name."""
+        """Return the movement of each object, environment contact and floating base in a trial, by name.
+
+        Args:
+            planned: reference of the controllers.
+            record: record of a chunk of trials.
+            i: index of the trial in the record.
+        """
         found: dict[str, list[Motion]] = {}
         for item in self.interfaces:
             found.setdefault(item.name, []).append(item.motion(planned, record, i))
         return {name: combined(motions) for name, motions in found.items()}
 
     def criteria(self, failure: FailureConfig) -> dict[str, tuple[Criterion, ...]]:
-        """Return the ways in which each of them fails, by name."""
+        """Return the ways in which each object, environment contact and floating base fails, by name.
+
+        Args:
+            failure: criteria of failure.
+        """
         return {item.name: item.criteria(failure) for item in self.interfaces}
 
 
 class World:
     """The simulated world of a task; all its models have the same layout.
 
-    config: the task; robot: its robot, n coordinates; driven: those with a motor, m; joint_names, torque_limit: of them
-    (m,); pushed: body on which a random force acts if the configuration names none; nominal: parameters of the planner
+    Attributes:
+        config: the configuration.
+        robot: the robot, n coordinates.
+        driven: the m coordinates with a motor.
+        joint_names: names of these (m,).
+        torque_limit: torque limits of these (m,) [N m or N].
+        pushed: name of the body on which a random force acts if the configuration names none.
+        nominal: nominal parameters.
     """
 
     def __init__(self, config: Config, gains: Gains, timestep: float) -> None:
@@ -71,7 +89,14 @@ class World:
     # Models -----------------------------------------------------------------------------------------------
 
     def spec(self, parameters: Parameters) -> mujoco.MjSpec:
-        """Specify the world with these parameters."""
+        """Return the specification of the world.
+
+        Args:
+            parameters: its actual parameters.
+
+        Raises:
+            ConfigError: an inset leaves nothing of a contact.
+        """
         spec = self._spec.copy()
         for name, body in parameters.bodies.items():
             if name not in (TRAY, *self.config.objects):
@@ -83,7 +108,14 @@ class World:
         return spec
 
     def model(self, parameters: Parameters) -> mujoco.MjModel:
-        """Compile the world with these parameters; a ConfigError if no body can have them."""
+        """Return the compiled world.
+
+        Args:
+            parameters: its actual parameters.
+
+        Raises:
+            ConfigError: an inset leaves nothing of a contact, or MuJoCo refuses the parameters of a body.
+        """
         try:
             return self.spec(parameters).compile()
         except ValueError as error:
@@ -107,7 +139,11 @@ class World:
         return spec.compile()
 
     def layout(self, model: mujoco.MjModel) -> Layout:
-        """Return the indices in the arrays of a model of this world."""
+        """Return the indices in the arrays of a model of this world.
+
+        Args:
+            model: the compiled model.
+        """
         joints = [model.joint(name) for name in self.joint_names]
         tray = {} if self.config.tray is None else {TRAY: model.body(objects.CARRIER).id}
         return Layout(
@@ -140,7 +176,7 @@ class World:
         return spec
 
     def _compensated(self, name: str, parameters: Parameters) -> float:
-        """Return the part of the actual weight of a body that the controller takes off: its nominal weight."""
+        """Return the fraction of the actual weight of a body that the controller compensates: its nominal weight."""
         if name not in parameters.bodies:
             return 0.0
         return self._physics.compensated * (self.nominal.bodies[name].mass / parameters.bodies[name].mass)
@@ -148,9 +184,14 @@ class World:
     # Trials -----------------------------------------------------------------------------------------------
 
     def start(self, layout: Layout, q: Array, size: int) -> Array:
-        """Return qpos (size,) of the robot at coordinates q (n,) with all objects in their places.
+        """Return the positions of the robot with all objects in their places, (size,).
 
-        A walking robot is put at the height at which the lowest contact point of a foot touches the floor.
+        A walking robot is placed at the height at which the lowest contact point of its feet touches the floor.
+
+        Args:
+            layout: layout of the model.
+            q: coordinates of the robot (n,) [rad or m].
+            size: number of positions of the model.
         """
         q, qpos = q.copy(), np.zeros(size)
         if self.robot.contacts:
@@ -165,7 +206,13 @@ class World:
         return qpos
 
     def velocities(self, layout: Layout, record: Record, i: int) -> Array:
-        """Return the rates of the coordinates in a trial, before each step and after the last, (N + 1, n)."""
+        """Return the rates of the coordinates in a trial, before each step and after the last, (N + 1, n).
+
+        Args:
+            layout: layout of the model.
+            record: record of a chunk of trials.
+            i: index of the trial in the record.
+        """
         joints = velocities(record, i, layout.dofs)
         return np.column_stack([base_rates(record, i), joints]) if self.robot.base else joints
 
@@ -178,7 +225,15 @@ def add_load(
 ) -> None:
     """Add the tray, the objects as free bodies, and the cups and pads that hold some of them.
 
-    compensated: part of the tray's weight that the controller takes off the robot
+    Args:
+        spec: specification of the world, which is changed.
+        config: the configuration.
+        parameters: actual parameters.
+        holds: the cups and pads.
+        compensated: fraction of the tray's weight that the controller compensates.
+
+    Raises:
+        ConfigError: an inset leaves nothing of a lip or pad.
     """
     objects.add_carrier(spec, config, parameters, compensated)
     for name in placements(config):
@@ -191,15 +246,25 @@ def add_load(
 
 
 def positions_of(config: Config, model: mujoco.MjModel) -> dict[str, int]:
-    """Return the first index in qpos of each object."""
+    """Return the first index in qpos of each free object, and of a tray that several hands hold.
+
+    Args:
+        config: the configuration.
+        model: compiled model of the world.
+    """
     free = [TRAY] if config.tray is not None and config.tray.hands is not None else []
     return {name: int(model.joint(PREFIX + name).qposadr[0]) for name in (*free, *placements(config))}
 
 
 def place_load(config: Config, qpos: Array, at: Mapping[str, int], position: Array, frame: Array) -> None:
-    """Put the objects in their places in qpos, from `at` on each.
+    """Put the objects in their places in qpos.
 
-    position (3,) [m] and frame (3, 3): origin and axes, as columns, of the carrier frame in the world
+    Args:
+        config: the configuration.
+        qpos: positions of the model, which are changed.
+        at: first index in qpos of each object.
+        position: origin of the carrier frame in the world (3,) [m].
+        frame: axes of the carrier frame in the world as columns (3, 3).
     """
     turn, placed = quaternion(frame), placements(config)
     for name, k in at.items():

@@ -101,7 +101,15 @@ class BatchPlanner:
         return np.array([self._durations[key] for key in keys])
 
     def plan_durations(self, settings: Sequence[Setting]) -> Array:
-        """Return the same as `durations`, computed anew."""
+        """Return the duration of the plan of each setting, computed anew, (k,) [s].
+
+        Args:
+            settings: k settings.
+
+        Raises:
+            ConfigError: a key cannot vary, or a value is not allowed.
+            SolverFailed: the solver stops without an answer.
+        """
         found = [self._duration(setting) for setting in settings[:1]]  # makes the track, which is not part of the pace
         began = time.perf_counter()
         for count, setting in enumerate(settings[1:], 1):
@@ -119,11 +127,25 @@ class BatchPlanner:
         return [duration for part in in_processes(_durations, parts, self.workers, SolverFailed) for duration in part]
 
     def plans(self, settings: Sequence[Setting]) -> list[Plan]:
-        """Return the plan of each setting, as `solve(build_problem(config), "reachability")` finds it."""
+        """Return the plan of each setting, the same as `solve(build_problem(config), "reachability")` returns.
+
+        Args:
+            settings: the settings.
+
+        Raises:
+            ConfigError: a key cannot vary, or a value is not allowed.
+        """
         return [self._plan(setting) for setting in settings]
 
     def problem(self, setting: Setting) -> TimeScalingProblem:
-        """Return the problem of a setting."""
+        """Return the problem of a setting.
+
+        Args:
+            setting: values by key.
+
+        Raises:
+            ConfigError: a key cannot vary, or a value is not allowed.
+        """
         return rows_along(self.track, with_setting(self.config, setting))
 
     def _plan(self, setting: Setting) -> Plan:

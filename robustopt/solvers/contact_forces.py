@@ -59,15 +59,27 @@ class ContactForces:
     residual: Array
 
     def total(self, contact: str) -> Array:
-        """Return the force on a contact, world frame, (M, 3) [N]."""
+        """Return the force on a contact, world frame, (M, 3) [N].
+
+        Args:
+            contact: name of the contact.
+        """
         return np.asarray(self.forces[contact].sum(axis=1))
 
     def pressed(self, contact: str) -> Array:
-        """Return the force on a contact in its own axes, the normal force last, (M, 3) [N]."""
+        """Return the force on a contact in its own axes, the normal force last, (M, 3) [N].
+
+        Args:
+            contact: name of the contact.
+        """
         return np.asarray(self.total(contact) @ self.axes[contact])
 
     def wrench(self, contact: str) -> Array:
-        """Return the wrench on a contact about the centroid of its points, world axes, (M, 6) [N, N m]."""
+        """Return the wrench on a contact about the centroid of its points, world axes, (M, 6) [N, N m].
+
+        Args:
+            contact: name of the contact.
+        """
         arm = self.points[contact] - self.points[contact].mean(axis=1, keepdims=True)
         moment = np.cross(arm, self.forces[contact]).sum(axis=1)
         return np.concatenate([self.total(contact), moment], axis=1)

@@ -60,7 +60,14 @@ class ForceProgram:
         self.transform = system.transform
 
     def solve(self, wrench: Array) -> tuple[float, Array]:
-        """Return t and the dual row y (d,) with y w = t for a wrench w (d,), as a fraction of the weight."""
+        """Solve the program for a wrench.
+
+        Args:
+            wrench: required wrench (d,) [N, N m].
+
+        Returns:
+            The missing part t as a fraction of the weight, and the dual row y (d,) with y w = t.
+        """
         supplied = wrench if self.transform is None else self.transform @ wrench
         right = supplied * self.scale
         _, dual = self.program.solve(right, right)
@@ -83,11 +90,11 @@ def missing_rows(
 ) -> tuple[Rows, float, int]:
     """Return the rows that a timing violates for some uncertain quantity, the worst violation, and programs solved.
 
-    The rows that the limit is held to say which uncertain quantities are worst to begin with.
+    The program is first solved for the uncertain quantities that are worst for the rows that are already imposed.
 
     Args:
         limit: the limit.
-        program: its program.
+        program: the force program of its system.
         points: grid points (M,).
         u: sdd (M,).
         x: sd^2 (M,).
@@ -104,18 +111,24 @@ def missing_rows(
 def overlooked_rows(
     limit: ContactLimit, program: ForceProgram, points: Indices, u: Array, x: Array
 ) -> tuple[Rows, int]:
-    """Return the rows that `missing_rows` has not found though a timing violates them, and programs solved.
+    """Return the violated rows that `missing_rows` has not found, and the number of programs solved.
 
-    A dual and the parameters that are worst for it can agree with each other while another dual, for other parameters,
-    is violated. If all rows of the cone are explicit, all are evaluated, so that nothing is overlooked. Otherwise
-    programs are solved for other corners of the box of the parameters, the worst ones for random directions. That is no
-    proof, but of 180 tasks with wide intervals none kept a violation above 1e-6 of the weight. Arguments as of
-    `missing_rows`.
+    A dual and its worst parameters can agree with each other while another dual, for other parameters, is violated. If
+    all rows of the cone are explicit, all are evaluated, so that none is overlooked. Otherwise programs are solved for
+    other corners of the box of the parameters, the worst ones for random directions. That is no proof, but none of 180
+    tasks with wide intervals kept a violation above 1e-6 of the weight (our choice).
+
+    Args:
+        limit: the limit.
+        program: the force program of its system.
+        points: grid points (M,).
+        u: sdd (M,).
+        x: sd^2 (M,).
     """
     certain = _is_certain(limit.loads)
     explicit = limit.facets[:0], limit.kinds[:0]
     if not certain or limit.system.bounds_twist:
-        explicit = violated_facets(limit, points, u, x)
+        explicit = _violated_facets(limit, points, u, x)
     if limit.system.complete or certain:
         return explicit, 0
     loads, rng = limit.loads.at(points), np.random.default_rng(len(limit.facets))
@@ -135,11 +148,8 @@ def _is_certain(loads: Loads) -> bool:
     return intervals == 0 and bool(np.all(loads.lowest == loads.highest))
 
 
-def violated_facets(limit: ContactLimit, points: Indices, u: Array, x: Array) -> Rows:
-    """Return the explicit row of a system that is worst at each point, if it is violated and not known yet.
-
-    Arguments as of `missing_rows`.
-    """
+def _violated_facets(limit: ContactLimit, points: Indices, u: Array, x: Array) -> Rows:
+    """Return the explicit row of a system that is worst at each point, if it is violated and not known yet."""
     facets = limit.system.facets / limit.weight
     if not len(facets):
         return limit.facets[:0], limit.kinds[:0]

@@ -137,7 +137,15 @@ def controls_of(ds: Array, x: Array) -> Array:
 
 @compiled(error_model="numpy")
 def timing(ds, x):  # type: ignore[no-untyped-def]
-    """Return the duration [s] and the controls (P - 1,) of a timing, as `duration_of` and `controls_of`."""
+    """Return the duration and the controls of a timing, as `duration_of` and `controls_of`.
+
+    Args:
+        ds: interval lengths (P - 1,).
+        x: sd^2 (P,).
+
+    Returns:
+        Duration [s], and u (P - 1,).
+    """
     duration, u = 0.0, np.zeros(len(ds))
     speed = np.sqrt(x[0]) if x[0] > 0.0 else 0.0
     for i in range(len(ds)):
@@ -177,7 +185,16 @@ def solved_plan(problem: TimeScalingProblem, x: Array, method: str, statistics: 
 def timed_plan(
     problem: TimeScalingProblem, x: Array, u: Array, duration: float, method: str, statistics: Mapping[str, float]
 ) -> Plan:
-    """Return the plan of a solution x (P,) with known controls u (P - 1,) and duration [s]; see `solved_plan`."""
+    """Return the plan of a solution with known controls and duration; see `solved_plan`.
+
+    Args:
+        problem: the problem.
+        x: sd^2 (P,); becomes read-only.
+        u: sdd on each interval (P - 1,); becomes read-only.
+        duration: duration [s].
+        method: name of the solver.
+        statistics: figures of the solution process by name.
+    """
     for array in (x, u):
         array.flags.writeable = False
     return Plan(
@@ -188,7 +205,16 @@ def timed_plan(
 def failed_plan(
     problem: TimeScalingProblem, status: Status, method: str, message: str, stuck: int, statistics: Mapping[str, float]
 ) -> Plan:
-    """Return a plan without a timing; arguments as the attributes of `Plan`."""
+    """Return a plan without a timing.
+
+    Args:
+        problem: the problem.
+        status: status of the plan.
+        method: name of the solver.
+        message: sentence that explains the status.
+        stuck: grid point at which the solver stopped, -1 if there is none.
+        statistics: figures of the solution process by name.
+    """
     none = np.zeros(0)
     return Plan(status, message, method, problem.s, problem.piece, none, none, np.inf, problem, statistics, stuck)
 

@@ -28,7 +28,11 @@ OPTIMALITY_GAP = 5e-5
 
 
 def solve_reachability(problem: TimeScalingProblem) -> Plan:
-    """Return the minimum-time plan on the rows of a problem, or a failed plan with the reason."""
+    """Return the minimum-time plan on the rows of a problem, or a failed plan with the reason.
+
+    Args:
+        problem: the problem.
+    """
     began = time.perf_counter()
     x, u, duration, least, stuck = _timed_passes(
         problem.feasible, problem.a, problem.b, problem.c, problem.x_max, problem.ds

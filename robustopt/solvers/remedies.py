@@ -31,10 +31,10 @@ class Candidate:
     """A key of the configuration that may be changed.
 
     Attributes:
-        key: the key, as the user reads it.
-        found: its present value.
-        generous: the most generous value that is tried.
-        write: makes the changes of the configuration for a value.
+        key: the key, as users read it.
+        found: present value.
+        generous: most generous value to try.
+        write: function that returns the changes of the configuration for a value.
     """
 
     key: str
@@ -43,13 +43,21 @@ class Candidate:
     write: Callable[[float], dict[str, Any]]
 
     def value(self, share: float) -> float:
-        """Return the value at a share of the way from the present to the most generous one."""
+        """Return a value between the present and the most generous one.
+
+        Args:
+            share: 0 for the present value, 1 for the most generous one.
+        """
         if self.generous > self.found > 0:
             return float(self.found * (self.generous / self.found) ** share)
         return self.found + share * (self.generous - self.found)
 
     def changes(self, share: float) -> dict[str, Any]:
-        """Return the changes of the configuration, values by key, at a share of that way."""
+        """Return the changes of the configuration, values by key.
+
+        Args:
+            share: 0 for the present value, 1 for the most generous one.
+        """
         return self.write(self.value(share))
 
 

@@ -112,7 +112,11 @@ def _retreated(plan: Plan, method: str) -> Plan:
 
 
 def standstill(problem: TimeScalingProblem) -> int:
-    """Return the first grid point at which the robot must rest but cannot for some parameters, -1 if there is none."""
+    """Return the first grid point at which the robot must rest but cannot for some parameters, -1 if there is none.
+
+    Args:
+        problem: the problem.
+    """
     slack = problem.c.max(axis=1, initial=-1.0)
     wrong = problem.rest & ((slack > 1e-9) | ~problem.feasible)
     return int(np.argmax(wrong)) if wrong.any() else -1

@@ -144,7 +144,14 @@ class Trajectory:
         return joint_motion(self.path, self.piece, self.times, self.s, self.sd, sdd)
 
     def every(self, period: float) -> Samples:
-        """Return the states at t = 0, period, 2 period, ... and at the end; period in [s], see `sample_times`."""
+        """Return the states at t = 0, period, 2 period, ... and at the end; see `sample_times`.
+
+        Args:
+            period: the period [s].
+
+        Raises:
+            ConfigError: the period is not positive and finite, or too short for the duration.
+        """
         return self.sample(sample_times(self.duration, period))
 
 
@@ -153,22 +160,25 @@ def joint_motion(path: Path, piece: NDArray[np.intp], t: Array, s: Array, sd: Ar
 
     Args:
         path: the geometric path.
-        piece: piece of the path, shape (T,).
-        t: time, shape (T,), [s].
-        s, sd, sdd: position, speed and acceleration along the path, shape (T,), [1], [1/s], [1/s^2].
+        piece: piece of the path (T,).
+        t: time (T,) [s].
+        s: position along the path (T,).
+        sd: speed along the path (T,) [1/s].
+        sdd: acceleration along the path (T,) [1/s^2].
     """
     q, q1, q2 = (path.evaluate(s, piece, order=order) for order in range(3))
     return Samples(t, s, sd, sdd, q, q1 * sd[:, None], q1 * sdd[:, None] + q2 * (sd**2)[:, None])
 
 
 def interval_durations(s: Array, sd: Array) -> Array:
-    """Return the time of each interval, 2 ds / (sd_i + sd_{i+1}), shape (P-1,), [s]; 0 at a stop.
+    """Return the time of each interval, 2 ds / (sd_i + sd_{i+1}), (P - 1,) [s]; 0 at a stop.
 
     Args:
-        s, sd: position and speed along the path at the grid points, shape (P,), [1], [1/s].
+        s: position along the path at the grid points (P,).
+        sd: speed along the path at the grid points (P,) [1/s].
 
     Raises:
-        SolverFailed: an interval has a length and no speed at both ends.
+        SolverFailed: an interval with a length has no speed at both ends.
     """
     ds = np.diff(s)
     speed = sd[:-1] + sd[1:]
@@ -227,7 +237,17 @@ def binding_shares(plan: Plan) -> dict[str, float]:
 
 
 def export(plan: Plan, folder: FilePath | str, period: float | None = None) -> list[FilePath]:
-    """Write a plan into a folder, see `Plan.export`."""
+    """Write a plan into a folder, see `Plan.export`.
+
+    Args:
+        plan: the plan.
+        folder: the folder, which is made if it does not exist.
+        period: period of the trajectory [s]; default: `output.period`.
+
+    Raises:
+        Infeasible: the plan has no timing.
+        ConfigError: the period is not positive and finite, or too short for the duration.
+    """
     folder, period = FilePath(folder), plan.problem.config.output.period if period is None else period
     folder.mkdir(parents=True, exist_ok=True)
     files = [folder / name for name in ("plan.csv", "trajectory.csv", "joint_trajectory.json")]
@@ -302,7 +322,15 @@ def _ros_duration(t: float) -> dict[str, int]:
 
 
 def columns(samples: Samples, joint_names: tuple[str, ...]) -> tuple[list[str], Array]:
-    """Return the heads and the rows of a table of samples: t, s, sd, sdd, q_<joint>, qd_<joint>, qdd_<joint>."""
+    """Return a table of samples with columns t, s, sd, sdd, q_<joint>, qd_<joint>, qdd_<joint>.
+
+    Args:
+        samples: the samples.
+        joint_names: names of the joints.
+
+    Returns:
+        Heads of the columns, and rows (T, columns).
+    """
     scalars = np.stack([samples.t, samples.s, samples.sd, samples.sdd], axis=1)
     rows = np.hstack([scalars, samples.q, samples.qd, samples.qdd])
     heads = ["t", "s", "sd", "sdd", *(f"{quantity}_{name}" for quantity in ("q", "qd", "qdd") for name in joint_names)]
