@@ -52,7 +52,10 @@ def _cups(key: Key, body: ObjectConfig, hold: SuctionConfig) -> Iterator[Finding
         first, second = hold.cups[j], hold.cups[k]
         overlap = first.radius + second.radius - float(np.hypot(*np.subtract(first.at, second.at)))
         if overlap > RESOLUTION:
-            yield (*key, "cups", k), f"the lip overlaps that of cups[{j}] by {1000 * overlap:.3g} mm; expected lips apart"
+            yield (
+                (*key, "cups", k),
+                f"the lip overlaps that of cups[{j}] by {1000 * overlap:.3g} mm; expected lips apart",
+            )
     for k, cup in enumerate(hold.cups):
         inside = part.rotation.T @ (np.array([*cup.at, 0.0]) - part.position)
         beyond = _beyond(body, hold, inside, cup.radius)
