@@ -7,6 +7,10 @@ from typing import Any
 
 import numba as nb
 
+DEFAULTS = {"fastmath": False, "error_model": "python", "forceinline": False, "_nrt": True}
+"""Options that numba would take over from the function that is being compiled when it first meets a call of another:
+the numbers would depend on which is compiled first."""
+
 
 def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Return a decorator that compiles a function without the interpreter's lock and keeps the result on the disk.
@@ -20,6 +24,7 @@ def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     Returns:
         The decorator.
     """
+    options = {**DEFAULTS, **options}
 
     def decorate(function: Callable[..., Any]) -> Any:
         try:
@@ -28,3 +33,20 @@ def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
             return nb.njit(nogil=True, **options)(function)
 
     return decorate
+
+
+def compiled_inner(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Return a decorator that compiles a function for compiled callers, without counting references to arrays.
+
+    Counting costs more than short arithmetic, most of all if arrays come in tuples or threads share them. The callers
+    hold the arrays, so a function that neither makes nor returns any need not count.
+
+    Args:
+        **options: options of `numba.njit`.
+
+    Returns:
+        The decorator.
+    """
+    return nb.njit(
+        nogil=True, **{**DEFAULTS, "_nrt": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True, **options}
+    )

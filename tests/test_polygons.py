@@ -24,8 +24,8 @@ from robustopt.limits.polygons import (
     NO_NAME,
     ROOM,
     Family,
-    Loads,
     Polygons,
+    RequiredWrench,
     cut,
     cut_affine,
     edge_rows,
@@ -59,13 +59,13 @@ def inside(polygons: Polygons, i: int, u: np.ndarray, x: np.ndarray) -> np.ndarr
 
 def random_loads(
     rng: np.random.Generator, points: int, groups: int, terms: int, constant: int, remainder: int
-) -> Loads:
-    """Loads that hold at (0, small x): a weight along the last axis, and everything else small beside it."""
+) -> RequiredWrench:
+    """Required wrenches that hold at (0, small x): a weight along the last axis, all else small beside it."""
     d = 6
     nominal = rng.normal(size=(points, d, groups, 3))
     nominal[:, :, :, 2] *= 0.1
     nominal[:, 5, :, 2] += 3.0
-    return Loads(
+    return RequiredWrench(
         nominal=nominal,
         terms=0.2 * rng.normal(size=(points, d, terms, 3)),
         group=rng.integers(groups, size=terms),

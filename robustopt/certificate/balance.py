@@ -99,7 +99,8 @@ def balance(
     """Return the gauge of a system at T instants with T sets of values.
 
     Args:
-        world, system: the bodies and the system.
+        world: the bodies.
+        system: the contact system.
         motion: at the instants.
         values: T sets of values.
         gap: accuracy.
@@ -125,7 +126,8 @@ def gauge_of(
     Args:
         system: the system.
         contacts: its contact points for T sets of values.
-        rest, move: (rows, T).
+        rest: (rows, T) seen from here.
+        move: (rows, T).
         enough: (T,) any gauge up to this one will do.
         gap: accuracy.
         held: (T,) whether `rest` is held, if that is known.

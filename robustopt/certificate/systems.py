@@ -112,7 +112,8 @@ def wrench_map(axes: Array, reference: Array, force: float = 1.0, length: float 
     Args:
         axes: (3, 3) the new axes as columns.
         reference: (3,) the new reference.
-        force, length: the new units.
+        force: the new unit of force.
+        length: the new unit of length.
     """
     x, y, z = reference
     arm = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

@@ -136,7 +136,8 @@ def twist_gauge(hold: Hold, rest: Array, move: Array, good_enough: Array | float
 
     Args:
         hold: the hold in T programs.
-        rest, move: efforts (7, T).
+        rest: effort (7, T) seen from here.
+        move: effort (7, T).
         good_enough: (T,) gauge of interest.
     """
     enough = np.broadcast_to(np.asarray(good_enough, dtype=float), rest.shape[-1:])

@@ -8,7 +8,7 @@ import numpy as np
 
 from robustopt.arrays import Array, Flags, Indices
 from robustopt.limits.names import LimitName
-from robustopt.limits.polygons import Loads, Polygons, cut_part, evaluate, facet_family
+from robustopt.limits.polygons import Polygons, RequiredWrench, cut_part, evaluate, facet_family
 from robustopt.limits.systems import SLIPS, TIPS, TWIST, ContactSystem
 
 NO_BASE, NO_TERMS = np.zeros((0, 0, 3)), np.zeros((0, 0, 0))
@@ -29,7 +29,7 @@ class ContactLimit:
     """
 
     system: ContactSystem
-    loads: Loads
+    loads: RequiredWrench
     weight: float
     facets: Array
     kinds: Indices
@@ -37,7 +37,9 @@ class ContactLimit:
     last: int = -1
 
     @classmethod
-    def of(cls, system: ContactSystem, loads: Loads, weight: float, first: int = 0, last: int = -1) -> ContactLimit:
+    def of(
+        cls, system: ContactSystem, loads: RequiredWrench, weight: float, first: int = 0, last: int = -1
+    ) -> ContactLimit:
         """Return the limit with all explicit rows of a system.
 
         Args:

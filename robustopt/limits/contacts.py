@@ -15,7 +15,7 @@ from robustopt.limits.contact_limit import ContactLimit
 from robustopt.limits.hands import hand_force, hand_systems
 from robustopt.limits.laws import ContactLaw
 from robustopt.limits.names import LimitKind
-from robustopt.limits.polygons import Loads
+from robustopt.limits.polygons import RequiredWrench
 from robustopt.limits.stances import eroded_sole, stance_system
 from robustopt.limits.systems import ContactSystem, object_systems
 from robustopt.limits.torque import TorqueLimit, legged_torque
@@ -93,7 +93,7 @@ def carried_limits(
 
 def _required(
     config: Config, track: Track, uncertainty: Uncertainty, system: ContactSystem, loaded: Sequence[Sequence[Body]]
-) -> Loads:
+) -> RequiredWrench:
     """Return what a system requires; more of a single force is never worse, but one of several cups can pull askew."""
     loads = track.loads(loaded, system.points, uncertainty.error)
     if not system.pressed:
@@ -131,7 +131,7 @@ def _stance_limits(config: Config, track: Track, uncertainty: Uncertainty) -> li
     ]
 
 
-def _first_rows(loads: Loads, count: int) -> Loads:
+def _first_rows(loads: RequiredWrench, count: int) -> RequiredWrench:
     """Return the first coordinates of required wrenches."""
     names = ("nominal", "terms", "constant", "remainder")
     return loads._replace(**{name: np.ascontiguousarray(getattr(loads, name)[:, :count]) for name in names})

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from robustopt.arrays import Array
-from robustopt.limits.polygons import Loads
+from robustopt.limits.polygons import RequiredWrench
 
 
-def evaluate(B: Array, loads: Loads, base: Array, base_terms: Array, u: Array, x: Array) -> Array:
+def evaluate(B: Array, loads: RequiredWrench, base: Array, base_terms: Array, u: Array, x: Array) -> Array:
     """Return the values of rows at (u, x) with every uncertain quantity at its worst, by the formula of `polygons`.
 
     Args:
@@ -36,7 +36,7 @@ def evaluate(B: Array, loads: Loads, base: Array, base_terms: Array, u: Array, x
     return np.asarray(values)
 
 
-def worst_wrench(loads: Loads, y: Array, u: Array, x: Array) -> Array:
+def worst_wrench(loads: RequiredWrench, y: Array, u: Array, x: Array) -> Array:
     """Return the wrench at which a row is worst over the box of the uncertain quantities; `evaluate` returns its value.
 
     Args:

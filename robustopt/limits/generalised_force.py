@@ -15,13 +15,13 @@ import numpy as np
 from robustopt.arrays import Array, Indices
 from robustopt.limits.bodies import Body, regressor, spin_regressor, uncertain_body
 from robustopt.limits.motion import PathMotion
-from robustopt.limits.polygons import Loads
+from robustopt.limits.polygons import RequiredWrench
 from robustopt.limits.uncertainty import Uncertainty
 from robustopt.robot import Robot
 from robustopt.robot.dynamics import BodyMotion
 
 
-def generalised_force(robot: Robot, motion: PathMotion, uncertainty: Uncertainty) -> Loads:
+def generalised_force(robot: Robot, motion: PathMotion, uncertainty: Uncertainty) -> RequiredWrench:
     """Return the generalised force of a legged robot.
 
     Args:
@@ -115,13 +115,13 @@ class _Total:
         """Add an interval term (P, n) that depends on neither u nor x, with a factor in [-1, 1]."""
         self._intervals.append(term)
 
-    def loads(self) -> Loads:
+    def loads(self) -> RequiredWrench:
         """Return the generalised force of the links and all bodies."""
         radius = self._radius[self._erring, None]
         constant = [np.swapaxes(shake * radius, 1, 2) for shake in self._shaken]
         constant += [term[:, :, None] for term in self._intervals]
         groups = np.r_[np.repeat(np.arange(len(self._groups)), len(self._erring)), np.zeros(len(self._intervals), int)]
-        return Loads(
+        return RequiredWrench(
             nominal=np.ascontiguousarray(np.stack(self._groups, axis=2)),
             terms=self._stacked(self._terms),
             group=np.array([g for g, _ in self._terms], dtype=np.int64),

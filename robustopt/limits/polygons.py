@@ -23,7 +23,9 @@ import numpy as np
 
 from robustopt.compiled import compiled
 from robustopt.errors import SolverFailed
-from robustopt.limits.cutting import MAX_VERTICES, cut_family, cut_rows, family_values
+from robustopt.limits.clipping import MAX_VERTICES, cut_rows
+from robustopt.limits.cutting import cut_family
+from robustopt.limits.row_values import family_values
 
 Array = np.ndarray
 
@@ -53,7 +55,7 @@ class Polygons(NamedTuple):
     sizes: Array
 
 
-class Loads(NamedTuple):
+class RequiredWrench(NamedTuple):
     """The quantities that the rows of a family multiply, in groups; the mass of a group has one interval.
 
     Attributes:
@@ -83,8 +85,8 @@ class Loads(NamedTuple):
         middle: Array = np.einsum("pdgk,g->pdk", self.nominal, 0.5 * (self.lowest + self.highest))
         return middle
 
-    def at(self, points: Array | slice) -> Loads:
-        """Return the loads at some of the grid points.
+    def at(self, points: Array | slice) -> RequiredWrench:
+        """Return the required wrenches at some of the grid points.
 
         Args:
             points: the grid points, indices or a slice.
@@ -94,33 +96,33 @@ class Loads(NamedTuple):
 
 
 class Family(NamedTuple):
-    """Rows over loads; the formula stands at the head of the module.
+    """Rows over required wrenches; the formula stands at the head of the module.
 
     Attributes:
         B: coefficients of the load (1, F, d), or (P, F, d) if the rows differ between grid points; d = 6 for each
             wrench of a stack.
-        loads: the loads.
+        wrench: the required wrenches.
         base: affine part of each row that does not depend on the load (P, F, 3), or (0, 0, 3) for none.
         base_terms: contribution of each constant interval term to a row beside its load (P, F, n_c), or (0, 0, 0).
         names: number of the name of each row (F,).
     """
 
     B: Array
-    loads: Loads
+    wrench: RequiredWrench
     base: Array
     base_terms: Array
     names: Array
 
 
-def facet_family(facets: Array, loads: Loads, names: Array) -> Family:
+def facet_family(facets: Array, wrench: RequiredWrench, names: Array) -> Family:
     """Return the family of rows that are the same at every grid point and have no affine part.
 
     Args:
         facets: the rows (F, d).
-        loads: the loads that they multiply.
+        wrench: the required wrenches that they multiply.
         names: number of the name of each row (F,).
     """
-    return Family(np.ascontiguousarray(facets)[None], loads, np.zeros((0, 0, 3)), np.zeros((0, 0, 0)), names)
+    return Family(np.ascontiguousarray(facets)[None], wrench, np.zeros((0, 0, 3)), np.zeros((0, 0, 0)), names)
 
 
 def start(u_bound: Array, x_max: Array, velocity_name: Array) -> Polygons:
@@ -181,7 +183,7 @@ def cut_part(polygons: Polygons, family: Family, first: int, last: int) -> Polyg
     if last < 0 or not len(family.names):
         return cut(polygons, family)
     part = slice(first, last + 1)
-    inner = cut(Polygons(*(array[part] for array in polygons)), family._replace(loads=family.loads.at(part)))
+    inner = cut(Polygons(*(array[part] for array in polygons)), family._replace(wrench=family.wrench.at(part)))
     result = _empty(len(polygons.sizes), max(polygons.names.shape[1], inner.names.shape[1]))
     for array, before, after in zip(result, polygons, inner, strict=True):
         if array.ndim > 1:

@@ -23,7 +23,7 @@ from robustopt.limits import polygons
 from robustopt.limits.contact_limit import ContactLimit
 from robustopt.limits.motion import PathMotion
 from robustopt.limits.names import LimitName
-from robustopt.limits.polygons import Family, Loads, Polygons
+from robustopt.limits.polygons import Family, Polygons, RequiredWrench
 from robustopt.robot import Dynamics, JointLimits
 
 DIRECTION_TOLERANCE = 1e-9
@@ -67,7 +67,7 @@ class Sharing:
         rows: rows found so far.
     """
 
-    loads: Loads
+    loads: RequiredWrench
     known: Flags
     contacts: tuple[ContactLimit, ...]
     standing: Indices
@@ -144,7 +144,7 @@ class TorqueLimit:
 
     names: tuple[LimitName, ...]
     B: Array
-    loads: Loads
+    loads: RequiredWrench
     base: Array
     base_terms: Array
     viscous: Array
@@ -153,7 +153,7 @@ class TorqueLimit:
     reference: Array
     sharing: Sharing | None = None
 
-    def carrying(self, payload: Loads, base_terms: Array) -> TorqueLimit:
+    def carrying(self, payload: RequiredWrench, base_terms: Array) -> TorqueLimit:
         """Return the same limits with another payload and other half-widths of the acceleration error.
 
         Args:
@@ -276,8 +276,8 @@ class TorqueLimit:
 
 
 def payload_torque(
-    motion: PathMotion, names: tuple[LimitName, ...], limits: JointLimits, loads: Loads, error: tuple[Array, Array],
-    x_top: Array,
+    motion: PathMotion, names: tuple[LimitName, ...], limits: JointLimits, loads: RequiredWrench,
+    error: tuple[Array, Array], x_top: Array,
 ) -> TorqueLimit:  # fmt: skip
     """Return the torque limits of an arm that carries a payload.
 
@@ -313,7 +313,7 @@ def _both(array: Array) -> Array:
     return np.concatenate([array, array], axis=1)
 
 
-def own_inertia_terms(motion: PathMotion, limits: JointLimits, loads: Loads, radius: Array) -> Array:
+def own_inertia_terms(motion: PathMotion, limits: JointLimits, loads: RequiredWrench, radius: Array) -> Array:
     """Return the contribution of the inertia of the links to the constant interval terms of the rows, (P, 2n, n_c).
 
     Args:
@@ -340,7 +340,8 @@ def _changes_sign(q1: Array) -> Flags:
 
 def legged_torque(
     motion: PathMotion, names: tuple[LimitName, ...], limit: Array, chains: Mapping[str, Indices], base: int,
-    loads: Loads, contacts: tuple[ContactLimit, ...], standing: Indices, soles: Mapping[str, Array], x_top: Array,
+    loads: RequiredWrench, contacts: tuple[ContactLimit, ...], standing: Indices, soles: Mapping[str, Array],
+    x_top: Array,
 ) -> TorqueLimit:  # fmt: skip
     """Return the torque limits of a legged robot.
 

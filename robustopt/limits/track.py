@@ -21,7 +21,7 @@ from robustopt.limits.generalised_force import generalised_force
 from robustopt.limits.grid import gridpoints
 from robustopt.limits.motion import PathMotion, path_motion
 from robustopt.limits.names import LimitKind, LimitName
-from robustopt.limits.polygons import Loads, Polygons, cut_affine, start
+from robustopt.limits.polygons import Polygons, RequiredWrench, cut_affine, start
 from robustopt.limits.torque import TorqueLimit, own_inertia_terms, payload_torque
 from robustopt.limits.uncertainty import AccelerationError, Uncertainty
 from robustopt.limits.wrenches import BodyWrenches, body_loads, body_wrenches, no_wrench
@@ -78,7 +78,9 @@ class Track:
         names = self.names(LimitKind.VELOCITY)
         return tuple(names[k] for k in self.fastest)
 
-    def loads(self, carried: Sequence[Sequence[Body]], about: Sequence[Array], error: AccelerationError) -> Loads:
+    def loads(
+        self, carried: Sequence[Sequence[Body]], about: Sequence[Array], error: AccelerationError
+    ) -> RequiredWrench:
         """Return the required wrenches of stacked objects; see `body_loads`.
 
         Args:
@@ -96,7 +98,7 @@ class Track:
         key = (tuple(map(tuple, carried)), np.concatenate(about).tobytes(), error)
         return self._once("loads", key, lambda: body_loads(carried, about, *error.arrays, wrenches_of))
 
-    def generalised_force(self, uncertainty: Uncertainty) -> Loads:
+    def generalised_force(self, uncertainty: Uncertainty) -> RequiredWrench:
         """Return the generalised force of the motion of a legged robot.
 
         Args:
@@ -105,7 +107,7 @@ class Track:
         key = (uncertainty.robot_bodies, uncertainty.bodies, uncertainty.error, uncertainty.squeeze)
         return self._once("force", key, lambda: generalised_force(self.robot, self.motion, uncertainty))
 
-    def payload_torque(self, payload: Loads, error: AccelerationError) -> TorqueLimit:
+    def payload_torque(self, payload: RequiredWrench, error: AccelerationError) -> TorqueLimit:
         """Return the torque limits of an arm with a payload.
 
         Args:

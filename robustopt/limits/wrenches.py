@@ -11,13 +11,13 @@ from robustopt.arrays import Array
 from robustopt.compiled import compiled
 from robustopt.limits.bodies import Body
 from robustopt.limits.motion import PathMotion
-from robustopt.limits.polygons import Loads
+from robustopt.limits.polygons import RequiredWrench
 
 BLOCK = 1000
 """Number of grid points processed at once: the allocation of larger arrays costs more than the work on them."""
 
 
-def no_wrench(points: int, dimension: int) -> Loads:
+def no_wrench(points: int, dimension: int) -> RequiredWrench:
     """Return a required wrench of zero.
 
     Args:
@@ -26,7 +26,7 @@ def no_wrench(points: int, dimension: int) -> Loads:
     """
     none = np.zeros((points, dimension, 0, 3))
     group = np.zeros(0, dtype=np.int64)
-    return Loads(
+    return RequiredWrench(
         np.zeros((points, dimension, 1, 3)), none, group, np.zeros((points, dimension, 0)), group, none, group,
         np.ones(1), np.ones(1),
     )  # fmt: skip
@@ -82,7 +82,7 @@ def body_loads(
     middle: Array,
     radius: Array,
     wrenches_of: Callable[[Body], BodyWrenches],
-) -> Loads:
+) -> RequiredWrench:
     """Return the required wrenches of stacked objects, each of which carries the bodies listed for it.
 
     Args:
@@ -106,7 +106,7 @@ def body_loads(
     points, d = parts[0].wrenches.shape[1], 6 * len(loads)
     spread = len(erring) > 0 and bool((kind > 0).any())
     remainder_group = np.r_[group[kind == 2], np.unique(group[kind > 0])] if spread else group[kind == 2]
-    result = Loads(
+    result = RequiredWrench(
         nominal=np.zeros((points, d, len(groups), 3)),
         terms=np.zeros((points, d, int((kind == 1).sum()), 3)),
         group=group[kind == 1],
@@ -206,12 +206,12 @@ class Finger:
 
 
 def with_forces(
-    loads: Loads,
+    loads: RequiredWrench,
     forces: Sequence[tuple[float, float]],
     fingers: Sequence[Finger | None],
     motion: PathMotion,
     error: tuple[Array, Array],
-) -> Loads:
+) -> RequiredWrench:
     """Return required wrenches with the forces that press objects against the tool as additional coordinates.
 
     The driven finger takes the force m (a - g) along its closing axis, so the part receives less by this force.

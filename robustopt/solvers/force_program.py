@@ -17,7 +17,7 @@ from robustopt.arrays import Array, Indices
 from robustopt.limits import polygons
 from robustopt.limits.contact_limit import NO_BASE, NO_TERMS, ContactLimit
 from robustopt.limits.formulas import evaluate, worst_wrench
-from robustopt.limits.polygons import Loads, facet_family
+from robustopt.limits.polygons import RequiredWrench, facet_family
 from robustopt.limits.systems import ContactSystem
 from robustopt.solvers.linear_program import LinearProgram
 
@@ -142,7 +142,7 @@ def overlooked_rows(
     return (np.concatenate([explicit[0], rows]), np.concatenate([explicit[1], kinds])), solved
 
 
-def _is_certain(loads: Loads) -> bool:
+def _is_certain(loads: RequiredWrench) -> bool:
     """Return whether the parameters have no intervals, so that a program's answer is final."""
     intervals = len(loads.group) + len(loads.constant_group) + len(loads.remainder_group)
     return intervals == 0 and bool(np.all(loads.lowest == loads.highest))
