@@ -3,6 +3,7 @@
 import ast
 import subprocess
 import sys
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -124,12 +125,14 @@ HEAVY = {
 """The only places that import these packages."""
 
 
+@cache
 def modules() -> dict[str, Path]:
     """Files by name: `robot/urdf`; a package's own name for its `__init__`."""
     files = {path.relative_to(PACKAGE).with_suffix("").as_posix(): path for path in PACKAGE.rglob("*.py")}
     return {name.removesuffix("/__init__"): path for name, path in files.items() if name != "__init__"}
 
 
+@cache
 def imports(path: Path, types: bool = True) -> set[str]:
     """Dotted names of everything a module imports anywhere in its text; types: those for types alone too."""
     tree = ast.parse(path.read_text(encoding="utf-8"))

@@ -126,7 +126,7 @@ def test_validate_says_valid_or_every_mistake(run):
         "error: override 'tray.mass=-1': tray.mass: found -1; expected a number from 1e-06 to 1000000 in kilograms "
         "(mass of the tray)",
         "error: override 'seed=x': seed: found the text 'x'; expected a whole number of at least 0 "
-        "(seed of every random number of the run)",
+        "(seed of all random numbers of the run)",
     ]
 
 

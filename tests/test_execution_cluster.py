@@ -56,6 +56,7 @@ def _wait_for_workers(address: str, count: int) -> None:
         client.wait_for_workers(count, timeout=60)
 
 
+@pytest.mark.slow
 def test_workers_and_a_cluster_that_loses_one_change_no_byte(cluster, tmp_path, monkeypatch):
     """The command with one process, with two, and on a cluster of which a worker is killed on the way."""
     address, workers = cluster

@@ -79,7 +79,7 @@ def test_the_figures_show_a_failing_trial_beside_a_succeeding_one(run, tmp_path)
     assert {"trials.svg", "accelerations.png"} <= {path.name for path in (tmp_path / "a" / "figures").iterdir()}
     drawn = (tmp_path / "a" / "figures" / "trials.svg").read_text()
     assert "success" in drawn
-    assert "slid block" in drawn
+    assert "slid (block)" in drawn
     assert (tmp_path / "a" / "report.html").read_text().count("data:image/svg+xml") == 5
     assert run("execute", "a", "--out", "b", "--quiet")[0] == 0
     for name in ("trials.svg", "accelerations.svg"):
@@ -350,7 +350,7 @@ cli.main()
 """
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", [pytest.param(1, marks=pytest.mark.slow), 2])
 def test_ctrl_c_keeps_what_was_done(tmp_path, stored, workers):
     arguments = [
         "execute",

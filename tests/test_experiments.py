@@ -109,6 +109,7 @@ def learned_tables(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 class TestLearnedTables:
     def test_iterations_are_those_of_the_algorithm(self, learned_tables):
         lines = read(learned_tables / "table_2.csv")
@@ -148,6 +149,7 @@ class TestLearnedTables:
             assert path.read_bytes() == (tmp_path / "tables" / path.name).read_bytes()
 
 
+@pytest.mark.slow
 class TestPlanningBenchmark:
     @pytest.fixture
     def records(self, benchmarks):
@@ -229,6 +231,7 @@ def test_a_contender_reports_its_first_calls_in_a_fresh_process(tmp_path):
         assert min(seconds.values()) > 0
 
 
+@pytest.mark.slow
 def test_the_benchmark_of_learners_writes_every_run_and_its_summary(tmp_path):
     wanted = ["--dimensions", "2", "--methods", "bnb-midpoint", "random", "--workers", "1"]
     run("bench_learners.py", tmp_path, "--seeds", "1", *wanted)
@@ -245,6 +248,7 @@ def test_the_benchmark_of_learners_writes_every_run_and_its_summary(tmp_path):
     assert (tmp_path / "learners.csv").read_bytes() == before
 
 
+@pytest.mark.slow
 def test_the_benchmark_of_learners_executes_the_waiter(tmp_path):
     folder = tmp_path / "benchmarks"
     arguments = ["--quick", "--methods", "bnb-informed"]

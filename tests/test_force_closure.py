@@ -52,8 +52,8 @@ def generators(contacts: Contacts, edges: int = EDGES) -> np.ndarray:
             column[6 * face.above : 6 * face.above + 6] = wrench
             if face.below >= 0:
                 column[6 * face.below : 6 * face.below + 6] = -wrench
-            for row in contacts.extra(face):
-                column[row] = 1.0
+            if face.closing >= 0:
+                column[contacts.closing(face)] = 1.0
             columns.append(column)
     return np.concatenate(columns, axis=1)
 

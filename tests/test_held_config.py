@@ -34,7 +34,7 @@ def task(tmp_path: Path) -> Path:
 
 MISTAKES = {
     "cup beside the part": (
-        f"{HELD}.suction.cups=[{{radius: 0.02}}, {{at: [0.04, 0], radius: 0.03}}]",
+        f"{HELD}.suction.cups=[{{at: [-0.02, 0], radius: 0.02}}, {{at: [0.04, 0], radius: 0.03}}]",
         f"{HELD}.suction.cups[1]",
         "the lip at [0.04, 0] m reaches 20 mm beyond the top face of the part; expected all of it on the face",
     ),

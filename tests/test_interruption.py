@@ -223,6 +223,7 @@ def test_ipopt_stops_soon_and_says_nothing_of_its_own(capfd):
     assert np.isfinite(plan.duration)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("handler", [signal.SIG_IGN, lambda *_: None], ids=["ignored", "handled"])
 def test_ipopt_goes_on_where_the_program_does_not_stop(handler):
     problem, plan, seconds = by_ipopt("waiter_one_block", 1000)

@@ -494,7 +494,7 @@ def test_a_second_process_is_refused(run, tmp_path, long_run):
     assert "running" in run("runs", ".")[1]
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", [pytest.param(1, marks=pytest.mark.slow), 2])
 def test_ctrl_c_in_a_terminal_keeps_what_was_learned(tmp_path, long_run, workers):
     process = long_run(workers)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: all processes of the group

@@ -208,6 +208,7 @@ def test_greedy_passes_alone_would_not_be_optimal() -> None:
 # Grids ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", WAITERS)
 def test_two_hundred_intervals_are_within_three_per_mille_of_five_thousand(name: str) -> None:
     coarse, fine = solved(name, 200, "reachability"), solved(name, 5000, "reachability")

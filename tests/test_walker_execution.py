@@ -377,6 +377,7 @@ def test_a_plan_of_another_task_is_refused(plan):
 # Commands -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_task_is_executed_into_a_whole_run_folder(tmp_path, capsys):
     small = (QUIET, "execution.truth.friction={left_foot: 0.3, right_foot: 0.15}")
     assert run(["execute", str(CONFIG), *small, "--trials", "2", "--out", str(tmp_path / "run")]) == 0
@@ -395,6 +396,7 @@ def test_a_task_is_executed_into_a_whole_run_folder(tmp_path, capsys):
     assert (again / "executions.csv").read_bytes() == (tmp_path / "run" / "executions.csv").read_bytes()
 
 
+@pytest.mark.slow
 def test_the_friction_of_both_feet_is_learned():
     learning = "learning={algorithm: bisection, friction: [0.05, 0.45], delta: 0.15, epsilon: 0.5, trials: 2}"
     config = configured("solver.collocation_points=200", "execution.truth.friction=0.15", learning)

@@ -627,6 +627,7 @@ def test_forces_that_rounding_errors_keep_from_balancing_are_found_all_the_same(
     assert certificate.margin > -0.01
 
 
+@pytest.mark.slow
 def test_a_learner_plans_on_a_finer_grid_where_limits_are_left_between_points() -> None:
     config = load_config(CONFIG)
     belief = Belief(parameters=(("contact.friction.left_foot", 0.1), ("contact.friction.right_foot", 0.1)))
