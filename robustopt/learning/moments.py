@@ -69,7 +69,7 @@ class ErrorInterval:
 
     Attributes:
         mean: U, (n,) [rad/s^2]; empty if no error is known, which stands for an error of 0.
-        deviation: delta, (n,) [rad/s^2]; empty like `mean`.
+        deviation: Delta, (n,) [rad/s^2]; empty like `mean`.
         K: number of standard deviations.
         share: planned part of the interval; less than 1 if there is no plan for the whole interval.
     """
