@@ -34,7 +34,7 @@ from robustopt.processes import end_processes
 if TYPE_CHECKING:
     from robustopt.config import Config
 
-_INTERRUPTED = "interrupted; nothing half-written is left"
+_INTERRUPTED = "interrupted; no incomplete files are left"
 
 app = typer.Typer(
     rich_markup_mode=None,
@@ -115,7 +115,7 @@ def plan(
     seed: Seed = None,
     certify: Annotated[
         Effort,
-        typer.Option(help="check the plan quickly, or fully (more samples, all corners)"),
+        typer.Option(help="check the plan quickly, or fully (more samples and instants)"),
     ] = Effort.quick,
     figures: Annotated[bool, typer.Option(help="draw the figures")] = True,
     dry_run: Annotated[
@@ -209,7 +209,7 @@ def learn(
 ) -> int:
     """Learn parameters from executions.
 
-    The learner ends with a plan that is safe and near-optimal. It can be interrupted and continued.
+    The learner searches for the fastest plan that succeeds. It can be interrupted and resumed.
     """
     path, changes = _task(arguments or [])
     changes += _changes(None, None, seed)

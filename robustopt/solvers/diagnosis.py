@@ -76,13 +76,13 @@ class Diagnosis:
     @property
     def sentence(self) -> str:
         """Return the place and the conflicts in words."""
-        reason = "no speed and acceleration is left"
+        reason = "no combination of speed and acceleration is possible"
         if self.standstill:
             reason = "the robot cannot stand still"
         elif self.from_rest:
-            reason = "no timing that starts from rest gets to the end"
+            reason = "no timing that starts from rest reaches the end"
         limits = "; ".join(" together with ".join(conflict) for conflict in self.conflicts)
-        return f"At s = {self.s:.4g} ({self.place}) {reason}. Cannot hold for every value in the intervals: {limits}."
+        return f"At s = {self.s:.4g} ({self.place}) {reason}. Limits in conflict: {limits}."
 
 
 def diagnose(plan: Plan) -> Diagnosis:
