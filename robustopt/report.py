@@ -1,4 +1,4 @@
-"""Summary of a run for people: in the terminal, and as a page with its figures."""
+"""Summary of a run for people: text for the terminal, and a page with figures."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ if TYPE_CHECKING:
     from robustopt.runs.plan_run import PlanResult
 
 MOST_LIMITS = 8
-"""Number of limits that are shown by name; the rest are summed up, if they are several."""
+"""Number of limits that are shown by name; the others are summed up if there are several."""
 
 ROUNDING = 1e-6
-"""Part of a limit below which a margin is shown as 0: solvers meet their rows no better."""
+"""Part of a limit below which a margin is shown as 0: solvers satisfy their rows only to this accuracy."""
 
 PAGE = "report.html"
 
 MANY_COLUMNS = 10
-"""More columns stand closer together in the terminal."""
+"""A table with more columns has narrower gaps in the terminal."""
 
 LONGEST_HEAD = 13
-"""Width of a column in the terminal; a longer head is folded."""
+"""Largest width of a column heading in the terminal; longer ones are folded."""
 
 UNBOUNDED = 10_000
-"""Width of a table that nothing bounds, in characters."""
+"""Width, in characters, of a table without a limit on its width."""
 
 FIGURES = (
     "learning.svg", "trials.svg", "foot_contacts.svg", "phase_plane.svg", "feet.svg", "footprints.svg", "contacts.svg",
@@ -166,7 +166,7 @@ def _diagnosis(diagnosis: DiagnosisRecord) -> list[Row]:
 
 
 def _lowest(margin: float | None) -> float:
-    """Return a margin as a number: a limit that no contact forces hold has none in a summary."""
+    """Return a margin as a number; the summary has none for a limit that no contact forces can hold."""
     return float("-inf") if margin is None else margin
 
 
@@ -251,7 +251,7 @@ def print_rows(title: str, lines: Sequence[Row], console: Console) -> None:
 
 
 def iterations_table(records: Sequence[Iteration]) -> Table:
-    """Return the iterations of a learner as a table, a line per plan.
+    """Return the iterations of a learner as a table, one line per plan.
 
     Args:
         records: the iterations.
@@ -291,7 +291,7 @@ def write_figures_and_page(result: PlanResult, data: Summary, folder: Path, figu
 
 
 def write_execution_figures(result: ExecutionResult, folder: Path, figures: bool, video: bool) -> None:
-    """Draw and film the first trial that succeeded beside the first one that failed, or the only one there is.
+    """Draw and film the first trial that succeeded and the first one that failed, or the only one of these that exists.
 
     Args:
         result: the plan and its executions.
@@ -321,10 +321,10 @@ def write_execution_figures(result: ExecutionResult, folder: Path, figures: bool
 
 
 def write_learning_figures(data: Summary, planned: PlanResult | None, folder: Path) -> None:
-    """Draw the iterations of a learner, and its best plan as `plan` draws it.
+    """Draw the iterations of a learner, and its best plan with the figures of `plan`.
 
     Args:
-        data: the summary of the run.
+        data: summary of the run.
         planned: the best plan; None without one.
         folder: folder of the run.
     """
@@ -339,7 +339,7 @@ def write_learning_figures(data: Summary, planned: PlanResult | None, folder: Pa
 
 
 def write_page(data: Summary, folder: Path) -> None:
-    """Write the summary of a run and the figures in its folder as one page that needs no other file.
+    """Write the summary of a run and the figures in its folder as one self-contained page.
 
     Args:
         data: the summary of the run.

@@ -338,7 +338,7 @@ def test_an_interruption_has_exit_code_130_and_leaves_nothing(run, tmp_path, mon
 
     monkeypatch.setattr(plan_run, "write_run", interrupted)
     code, out, err = run("plan", WAITER, *SMALL)
-    assert (code, out, err) == (130, "", "error: interrupted; nothing half-written is left\n")
+    assert (code, out, err) == (130, "", "error: interrupted; no incomplete files are left\n")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -381,6 +381,6 @@ def test_ctrl_c_in_the_middle_leaves_nothing(tmp_path, number):
     os.kill(process.pid, number)
     out, err = process.communicate(timeout=60)
     assert (process.returncode, out) == (130, "")
-    assert err.splitlines()[-1] == "error: interrupted; nothing half-written is left"
+    assert err.splitlines()[-1] == "error: interrupted; no incomplete files are left"
     assert "Traceback" not in err
     assert list(tmp_path.iterdir()) == []

@@ -57,8 +57,7 @@ def test_a_block_on_a_tilted_tray_needs_friction_tan_of_the_angle(angle: float, 
     assert change.needed == pytest.approx(np.tan(angle), rel=STEP)
     assert change.needed >= np.tan(angle)
     assert found.sentence == (
-        "At s = 0 (at joints[0]) the robot cannot stand still. "
-        "Cannot hold for every value in the intervals: slip of block on tray."
+        "At s = 0 (at joints[0]) the robot cannot stand still. Limits in conflict: slip of block on tray."
     )
     assert change.sentence == f"contact.friction: at least {change.needed:.4g} instead of 0.1 (enough by itself)"
 
@@ -185,7 +184,7 @@ def test_a_conflict_on_the_way_is_found_where_it_is(method: str) -> None:
     assert not found.standstill
     assert 0.0 < found.s < 1.0
     assert found.place.startswith("between joints[")
-    assert "no speed and acceleration is left" in found.sentence
+    assert "no combination of speed and acceleration is possible" in found.sentence
     assert found.conflicts == (("slip of block on tray",),)
     needed = remedy(found, "contact.friction").needed
     assert 0.3 < needed < np.tan(0.5)  # speeding up down the slope helps
@@ -198,7 +197,7 @@ def test_a_start_that_can_rest_but_leads_nowhere_is_said_to_be_one() -> None:
     found = diagnosed(rocking(-0.5))
     assert found.s == 0.0
     assert not found.standstill
-    assert "no timing that starts from rest gets to the end" in found.sentence
+    assert "no timing that starts from rest reaches the end" in found.sentence
 
 
 def test_limits_that_conflict_only_together_are_named_together() -> None:

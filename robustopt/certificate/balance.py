@@ -1,7 +1,7 @@
-"""Balance of a contact system: the gauge of the rows that it requires, with prescribed pressure where that counts.
+"""Balance of a contact system: the rows that its motion requires, and their gauge.
 
-A hold has its block alone, so its effort is known, and the gauge is the larger one of those of the free cone and of the
-twist.
+A system with a hold consists of a single block, so the effort of the hold is known. Its gauge is the larger one of the
+gauge of the free cone and the gauge of the twist.
 """
 
 from __future__ import annotations
@@ -24,17 +24,18 @@ from robustopt.certificate.world import World
 
 
 def required(world: World, system: System, motion: Motion, loads: Sequence[Load], values: Parameters) -> Load:
-    """Return parts `rest` and `move` of the rows that a system requires, (rows, ...) each.
+    """Return the parts `rest` and `move` of the rows that a system requires, (rows, ...) each.
 
-    The forces of vacuums and driven fingers are part of `rest`. The floating base has a unit force through the centre
-    of its contacts for `rest`, which they can always exert: it need not balance without motion.
+    The forces of vacuums and driven fingers are part of `rest`. For the floating base, `rest` is a unit force through
+    the centre of its contacts. The contacts can always exert this force, whereas the base need not balance without
+    motion.
 
     Args:
         world: the bodies.
         system: the system.
-        motion: at the instants of the loads.
-        loads: of all bodies, see `body_loads`.
-        values: the values that they were made with.
+        motion: motion at the instants of the loads.
+        loads: wrenches that all bodies require, see `body_loads`.
+        values: parameters for which the loads were computed.
     """
     if system.at is not None:
         wrench = required_by_base(world, motion, loads, values.error)
@@ -73,10 +74,10 @@ def _total(wrenches: Sequence[Array]) -> Array:
 def goals(
     world: World, system: System, motion: Motion, y: Array, weight: Array
 ) -> tuple[list[Functional], Array | float]:
-    """Return y (rest weight + move), for rows y (rows, T), as functionals of the bodies' wrenches.
+    """Return y (weight rest + move), for rows y (rows, T), as functionals of the bodies' wrenches.
 
     Returns:
-        one functional per body, and its gain per acceleration error besides theirs, (n, T).
+        One functional per body, and the further gain per acceleration error that does not pass through them, (n, T).
     """
     if system.at is None:
         found = [(b, own.matrix.T @ y) for own in system.loads for b in own.bodies]
@@ -96,15 +97,15 @@ def goals(
 def balance(
     world: World, system: System, motion: Motion, values: Parameters, gap: float, enough: Array | float = 0.0
 ) -> Gauge:
-    """Return the gauge of a system at T instants with T sets of values.
+    """Return the gauge of a system at T instants for T sets of values.
 
     Args:
         world: the bodies.
         system: the contact system.
-        motion: at the instants.
+        motion: motion at the instants.
         values: T sets of values.
         gap: accuracy.
-        enough: (T,) any gauge up to this one will do.
+        enough: gauge below which the search may stop (T,).
     """
     rest, move = required(world, system, motion, body_loads(world, motion, values), values)
     contacts = system.contact_points(values.friction, values.shift)
@@ -121,16 +122,18 @@ def gauge_of(
     gap: float = GAP,
     held: Flags | None = None,
 ) -> Gauge:
-    """Return the gauge of rest + move, seen from an even pressure if `rest` is not held.
+    """Return the gauge of rest + move.
+
+    If forces cannot balance `rest`, an even pressure replaces it as the reference.
 
     Args:
         system: the system.
         contacts: its contact points for T sets of values.
-        rest: (rows, T) seen from here.
-        move: (rows, T).
-        enough: (T,) any gauge up to this one will do.
+        rest: reference (rows, T).
+        move: rows that the motion adds (rows, T).
+        enough: gauge below which the search may stop (T,).
         gap: accuracy.
-        held: (T,) whether `rest` is held, if that is known.
+        held: whether forces balance `rest`, if this is known (T,).
     """
     held = _held_at(system, contacts, rest) if held is None else held
     rest, move = seen_from(contacts, held, rest, move)
@@ -140,7 +143,7 @@ def gauge_of(
 
 
 def _held_at(system: System, contacts: Contacts, rest: Array) -> Flags:
-    """Return whether forces balance `rest` (rows, T), with prescribed pressure where that counts."""
+    """Return whether forces balance `rest` (rows, T), including the twist of a hold with prescribed pressure."""
     held = certainly_held(system, contacts, rest)
     doubtful = np.flatnonzero(~held)
     if len(doubtful):
@@ -151,9 +154,10 @@ def _held_at(system: System, contacts: Contacts, rest: Array) -> Flags:
 
 
 def certainly_held(system: System, contacts: Contacts, rows: Array) -> Flags:
-    """Return whether simple forces balance rows (rows, T), and friction their twist: sufficient, not necessary.
+    """Return whether explicit forces balance rows (rows, T) and their twist.
 
-    Where a single face holds a single block, further axes may stand before T.
+    This is a sufficient condition, not a necessary one. If a single face holds a single block, there may be further
+    axes before T.
     """
     if system.simple:
         held = simply_held(contacts, rows)
@@ -167,9 +171,9 @@ def certainly_held(system: System, contacts: Contacts, rows: Array) -> Flags:
 
 
 def _held_gauge(contacts: Contacts, hold: Hold, rest: Array, move: Array, enough: Array | float, gap: float) -> Gauge:
-    """Return the gauge of a block that a hold with prescribed pressure has.
+    """Return the gauge of a block that is held with prescribed pressure.
 
-    Where simple forces show that the free gauge is good enough, that of the twist stands for both.
+    If explicit forces show that the gauge of the free cone is below `enough`, only the gauge of the twist is computed.
     """
     doubtful = np.flatnonzero(~simply_held(contacts, enough * rest + move))
     at_rest, moved = hold.effort(contacts, rest), hold.effort(contacts, move)

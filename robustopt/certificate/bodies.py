@@ -1,7 +1,8 @@
-"""Bodies whose inertia counts: the tray, the objects, driven fingers and links with uncertain masses.
+"""Bodies whose inertia counts: the tray, the objects, driven fingers, and links with uncertain masses.
 
-All bodies are rigid to a frame of the `motion`: to the carrier, or to the link of their name. The dynamics of the robot
-count its links as they are in the model, so a body of the opposite mass stands beside each link that is listed here.
+Every body is rigidly attached to a frame of the `motion`: to the carrier frame, or to the frame of a link. The dynamics
+of the robot include its links with their nominal masses. So a link that is listed here is listed twice, the second time
+with its nominal mass of opposite sign.
 """
 
 from __future__ import annotations
@@ -24,11 +25,14 @@ from robustopt.scene.placement import TRAY, placements
 class Body:
     """A rigid body.
 
-    frame: name of the frame that it is rigid to
-    mass: [kg]; center: (3,) centre of mass, axes of the frame [m]
-    turn: (3, 3) from the axes of the body to those of the frame
-    inertia: (3, 3) about the centre of mass per unit of mass, axes of the frame [m^2]
-    payload: False for a driven finger, which is part of the robot, and counts against its closing force alone
+    Attributes:
+        name: name of the body.
+        frame: name of the frame that the body is attached to.
+        mass: mass [kg].
+        center: centre of mass, axes of the frame (3,) [m].
+        turn: rotation from the axes of the body to those of the frame (3, 3).
+        inertia: inertia about the centre of mass per unit of mass, axes of the frame (3, 3) [m^2].
+        payload: False for a driven finger, which belongs to the robot and only reduces its own closing force.
     """
 
     name: str
@@ -66,7 +70,7 @@ def _unit_inertia(item: TrayConfig | ObjectConfig) -> Array:
 
 
 def links(config: Config, robot: Robot) -> list[Body]:
-    """Return the links whose mass or centre of mass is uncertain, each beside its nominal one of the opposite mass."""
+    """Return the links with uncertain mass or centre of mass, each with its nominal link of opposite mass."""
     uncertain = {*config.uncertainty.mass, *config.uncertainty.center_of_mass} & {*robot.body_names}
     bodies = []
     for name in sorted(uncertain - {TRAY, *config.objects}):
@@ -77,7 +81,7 @@ def links(config: Config, robot: Robot) -> list[Body]:
 
 
 def fingers(config: Config, patches: Sequence[Patch]) -> dict[int, Body]:
-    """Return the driven fingers that have a mass, as points at their pads, by the index of their patch."""
+    """Return the driven fingers that have a mass, as point masses at their pads, by the index of their patch."""
     found = {}
     for index, patch in enumerate(patches):
         own = config.objects.get(patch.object) if patch.law is Law.DRIVEN_PAD else None
@@ -90,13 +94,16 @@ def fingers(config: Config, patches: Sequence[Patch]) -> dict[int, Body]:
 
 @dataclass(frozen=True, eq=False)
 class Parameters:
-    """Values of all that may be uncertain; any axes may follow those named here.
+    """Values of everything that may be uncertain; each array may have further axes at its end.
 
-    mass: (B,) [kg]; com: (B, 3) displacement of the centre of mass, body axes [m]
-    friction: (I,) of each contact
-    force: (I + 1,) vacuum or closing force of each contact, 0 for the others, and the internal force of hands [N]
-    shift: (2, Q) displacement of each contact point, axes of its support [m]
-    error: (n,) acceleration error of all coordinates [rad/s^2 or m/s^2]
+    Attributes:
+        mass: mass of each body (B,) [kg].
+        com: displacement of each centre of mass, body axes (B, 3) [m].
+        friction: coefficient of friction of each contact (I,).
+        force: vacuum or closing force of each contact, 0 without one, then the internal force between hands (I + 1,)
+            [N].
+        shift: displacement of each contact point, axes of its support (2, Q) [m].
+        error: acceleration error of each coordinate (n,) [rad/s^2 or m/s^2].
     """
 
     mass: Array
@@ -111,9 +118,9 @@ class Parameters:
         return self.mass, self.com, self.friction, self.force, self.shift, self.error
 
     def at(self, index: int | Indices | slice) -> Parameters:
-        """Return some of many sets of values along the last axis."""
+        """Return some of the sets of values, selected along the last axis."""
         return Parameters(*(values[..., index] for values in self.arrays()))
 
     def repeated(self, count: int) -> Parameters:
-        """Return one set of values, `count` times along a new last axis."""
+        """Return one set of values, repeated `count` times along a new last axis."""
         return Parameters(*(np.repeat(values[..., None], count, axis=-1) for values in self.arrays()))

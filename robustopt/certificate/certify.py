@@ -1,8 +1,8 @@
-"""Certificate of a plan: its worst utilisation of every limit, for all values in the intervals that are looked at.
+"""Certificate of a plan: the worst utilisation of every limit over all values that are checked.
 
-Nothing here is shared with the planner but the configuration, the robot's kinematics and dynamics, the path, and the
-places of objects and patches: the rigid-body mechanics, the force closure on exact Coulomb cones and the search for the
-worst parameters are its own.
+The certificate shares only the configuration, the kinematics and dynamics of the robot, the path, and the places of
+objects and patches with the planner. It has its own rigid-body mechanics, force closure on exact Coulomb cones, and
+search for the worst parameters.
 """
 
 from __future__ import annotations
@@ -29,31 +29,35 @@ from robustopt.solvers import Plan
 from robustopt.solvers.same_task import require_same_task
 
 GRID_TOLERANCE = 1e-6
-"""Violation on the grid that is forgiven, as a share of the limit: solvers meet their rows to about 1e-8, and the gauge
-is found to 1e-8."""
+"""Violation at grid points that is accepted, as a share of the limit: solvers satisfy their rows, and the gauge is
+computed, to about 1e-8.
+"""
 
 BETWEEN_TOLERANCE = 1e-2
-"""Violation between grid points that is forgiven, as a share of the limit: the discretisation's, reported."""
+"""Violation between grid points that is accepted, as a share of the limit: a discretisation error, which is
+reported.
+"""
 
 TIMING_TOLERANCE = 1e-6
-"""Share of the largest x by which x may differ from x_i + 2 ds_i u_i, be negative, or differ from 0 at a stop."""
+"""Share of the largest x by which x may differ from x_i + 2 ds_i u_i, fall below 0, or differ from 0 at a stop."""
 
 FEW_POINTS = 8
-"""With fewer contact points an instant hardly takes less time."""
+"""Number of contact points below which the time per instant hardly decreases further."""
 
 
 @dataclass(frozen=True)
 class Level:
-    """How thoroughly to look.
+    """Thoroughness of a certificate.
 
-    between: shares of each interval
-    starts: random corners from which the search starts besides the configured values
-    search: how it goes on
-    samples: random values of everything
-    per_program: instants of each sample at which contacts that share are looked at
-    shared_torques: instants of all stances on several contacts at which the torques are looked at
-    most_work: most instants times contact points, kept to by leaving intervals out
-    effort: most of these times samples, kept to by taking fewer
+    Attributes:
+        between: instants between grid points, as shares of each interval.
+        starts: number of random corners from which the search starts, besides the configured values.
+        search: steps of the search.
+        samples: number of sets of random values.
+        per_program: instants per sample at which contacts that share a wrench are checked.
+        shared_torques: instants, over all stances on several contacts, at which joint torques are checked.
+        most_work: largest number of instants times contact points; intervals are skipped to keep to it.
+        effort: largest number of instants times contact points times samples; samples are left out to keep to it.
     """
 
     between: tuple[float, ...]
@@ -70,12 +74,17 @@ LEVELS = {
     "quick": Level((0.25, 0.5, 0.75), 0, Thoroughness(8, 3, 1e-5), 100, 2, 40, 25_000, 1_000_000),
     "full": Level((0.125, 0.25, 0.5, 0.75, 0.875), 4, Thoroughness(1, 4, 1e-7), 10_000, 10, 400, 10**12, 10**12),
 }
-"""quick takes 0.2 to 0.6 s at 200 intervals, full 20 s for two boxes to 100 s for a bridge, on one core."""
+"""On one core, `quick` takes 0.2 to 0.6 s for 200 intervals, and `full` from 20 s (two boxes) to 100 s (a bridge)."""
 
 
 @dataclass(frozen=True)
 class Margin:
-    """Smallest share of a limit that is left, on the grid and between grid points; negative if it is violated."""
+    """Smallest unused share of a limit, at grid points and between them; negative if the limit is violated.
+
+    Attributes:
+        on_grid: margin at grid points.
+        between: margin between grid points.
+    """
 
     on_grid: float
     between: float
@@ -85,11 +94,15 @@ class Margin:
 class Worst:
     """Place and parameters of the smallest margin.
 
-    limit: in the configuration's words
-    s, t: place on the path, and time [s]
-    on_grid: True at a grid point, False between two
-    parameters: friction [1], force [N], mass [kg], center_of_mass and contact_points (displacements [m]) and
-        joint_acceleration (error [rad/s^2 or m/s^2]), each by name, as far as they are uncertain or matter
+    Attributes:
+        limit: name of the limit.
+        margin: margin as a share of the limit; negative if it is violated.
+        s: position along the path.
+        t: time [s].
+        on_grid: True at a grid point, False between two.
+        parameters: friction, force [N], mass [kg], displacements center_of_mass and contact_points [m], and
+            joint_acceleration (error [rad/s^2 or m/s^2]), each by name; only values that are uncertain or affect the
+            limit.
     """
 
     limit: LimitName
@@ -109,15 +122,21 @@ class Worst:
 
 @dataclass(frozen=True)
 class Certificate:
-    """Result of the check of a plan for the values that were looked at.
+    """Result of the check of a plan for a finite set of parameter values.
 
-    passed: whether the plan keeps its limits
-    margin: the smallest of all, as a share of the limit, negative if it is violated; margins: per named limit
-    worst: where and for which values it is found
-    samples: random samples of all uncertain values
-    tests: utilisations that were computed or bounded
-    intervals, intervals_checked: of the plan, and the number of those that were looked at
-    seconds: time it took
+    Attributes:
+        passed: whether the plan keeps its limits.
+        margin: smallest margin, as a share of its limit; negative if the limit is violated.
+        worst: place and parameters of the smallest margin.
+        margins: smallest margin of each limit.
+        level: thoroughness, `quick` or `full`.
+        seed: seed of the random samples.
+        samples: number of random samples of all uncertain values.
+        tests: number of utilisations that were computed or bounded.
+        instants: number of instants that were checked.
+        intervals: number of intervals of the plan.
+        intervals_checked: number of intervals that were checked.
+        seconds: computing time [s].
     """
 
     passed: bool
@@ -135,7 +154,7 @@ class Certificate:
 
     @property
     def sentence(self) -> str:
-        """Return the result in a few sentences, with advice if solvers cannot do better on their grid."""
+        """Return the result in a few sentences, with advice if a finer grid is needed."""
         verdict = "passes" if self.passed else "fails"
         effort = f"{self.level}: {self.samples} samples, {self.tests} tests"
         if self.intervals_checked < self.intervals:
@@ -149,22 +168,23 @@ class Certificate:
 def certify(plan: Plan, level: str = "quick", seed: int = 0, config: Config | None = None) -> Certificate:
     """Check a plan, independently of the solver that made it.
 
-    Looks at both ends of every interval of the grid and in between, with the configured values, with the worst ends of
-    all intervals, which it searches, and with random values of everything at once. The same seed gives the same
-    certificate.
+    Both ends of every interval of the grid and points in between are checked, for the configured values, for the worst
+    ends of all intervals of the parameters, which a search finds, and for random values of all parameters at once. The
+    same seed gives the same certificate.
 
     Args:
         plan: the plan.
-        level: `quick`, within about a second, or `full`, with 10,000 random samples and more of the worst cases.
-        seed: of the random samples.
-        config: a configuration of the same task whose frictions, masses and intervals count; by default that of the
-            plan.
+        level: `quick`, within about a second, or `full`, with 10,000 random samples and a longer search for the worst
+            case.
+        seed: seed of the random samples.
+        config: a configuration of the same task that provides frictions, masses and intervals; by default the plan's
+            own.
 
     Returns:
         The certificate, which says whether the plan keeps its limits.
 
     Raises:
-        ConfigError: the configuration is of another task than the plan, or the plan has a contact law of a user.
+        ConfigError: the configuration is not of the plan's task, or the plan has a user-defined contact law.
         SolverFailed: the plan has no timing or not a finite one.
         ValueError: there is no such level.
     """
@@ -204,7 +224,7 @@ def certify(plan: Plan, level: str = "quick", seed: int = 0, config: Config | No
 
 
 def _thinned(how: Level, intervals: int, points: int) -> tuple[tuple[float, ...], int]:
-    """Return the places in each interval and the step between intervals that keep to the level's work."""
+    """Return the places within each interval and the step between intervals that keep to the work of the level."""
     between, most = how.between, how.most_work // max(points, FEW_POINTS)
     if intervals * (2 + len(between)) > most:
         between = (0.5,)
@@ -212,7 +232,7 @@ def _thinned(how: Level, intervals: int, points: int) -> tuple[tuple[float, ...]
 
 
 def _check(plan: Plan, world: World, at: Instants, how: Level, rng: np.random.Generator, tally: Tally) -> int:
-    """Look at all limits, and return the number of random samples."""
+    """Check all limits, and return the number of random samples."""
     moving, joints = motion(plan, at, world.links)
     robot, count = plan.problem.robot, len(at.s)
     limits = robot.limits.torque[robot.motors]
@@ -245,7 +265,7 @@ def _check(plan: Plan, world: World, at: Instants, how: Level, rng: np.random.Ge
 
 
 def _check_timing(plan: Plan, at: Instants, tally: Tally) -> None:
-    """Check that x is piecewise linear with slope 2 u, not negative, and 0 where the robot must stand still."""
+    """Check that x is piecewise linear with slope 2 u, is not negative, and is 0 at every standstill."""
     ds = np.diff(plan.s)
     moving = ds > 0.0
     jump = np.where(moving, np.abs(np.diff(plan.x) - 2.0 * ds * plan.u), 0.0)

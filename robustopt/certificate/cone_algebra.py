@@ -1,4 +1,4 @@
-"""Algebra of second-order cones (3,) and of small symmetric matrices, for many of them at once along the last axis."""
+"""Algebra of second-order cones (3,) and of small symmetric matrices, vectorised along the last axis."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ in some directions."""
 
 
 class Scaling:
-    """Nesterov and Todd's scaling W of each cone, for which W^-1 force = W slack."""
+    """Nesterov-Todd scaling W of each cone, with W^-1 force = W slack."""
 
     def __init__(self, force: Array, slack: Array) -> None:
         force_size, slack_size = np.sqrt(square(force)), np.sqrt(square(slack))
@@ -66,7 +66,7 @@ def reach(c: Array, d: Array) -> Array:
 
 
 def divide(scaled: Array, target: Array, force: Array, slack: Array) -> Array:
-    """Return q of scaled o q = target e - scaled o scaled - force o slack, o the product of the cone's algebra."""
+    """Return q with scaled o q = target e - scaled o scaled - force o slack; o is the Jordan product of the cone."""
     c0, c1, c2 = scaled
     r0 = target - (scaled * scaled + force * slack).sum(axis=0)
     r1 = -2.0 * c0 * c1 - force[0] * slack[1] - force[1] * slack[0]
@@ -76,7 +76,7 @@ def divide(scaled: Array, target: Array, force: Array, slack: Array) -> Array:
 
 
 def cholesky(matrix: Array) -> Array:
-    """Return the lower Cholesky factor of symmetric matrices (d, d, T), in their place."""
+    """Return the lower Cholesky factor of symmetric matrices (d, d, T), computed in place."""
     smallest = REGULAR * np.trace(matrix)
     for j in range(len(matrix)):
         pivot = np.sqrt(np.maximum(matrix[j, j], smallest))

@@ -1,12 +1,11 @@
 """Contact points with exact Coulomb cones: the wrenches that forces at them exert on blocks.
 
-A force f at a contact point p with normal z is possible if |(f_x, f_y)| <= mu f_z. Its coordinates are
-c = (f_z, f_x / mu, f_y / mu), so that its cone is |(c_1, c_2)| <= c_0. The force acts with + on the block above the
-point and with - on the block below. Wrenches are force then moment about the origin of the points.
+A force f at a contact point p with normal z is possible if |(f_x, f_y)| <= mu f_z. Its coordinates are c = (f_z, f_x /
+mu, f_y / mu), so its cone is |(c_1, c_2)| <= c_0. The force acts with + on the block above the point and with - on the
+block below. A wrench is force then moment about the origin of the points.
 
-The rows of a program are the wrenches of K blocks stacked, 6 K, then one row per closing force, the sum of the normal
-forces of a driven finger, then one row per cut, a linear form of the forces. Many programs are treated at once, as
-arrays whose last axis T counts them.
+The rows of a program are the wrenches of K blocks, stacked (6 K), then one row per closing force, the sum of the normal
+forces at a driven finger. Many programs are solved at once; the last axis T of the arrays counts them.
 """
 
 from __future__ import annotations
@@ -20,18 +19,25 @@ from scipy.optimize import linprog
 from robustopt.arrays import Array, Flags, Indices
 
 CENTERED = 1e-9
-"""Distance, in units of the points, by which explicit pressure may miss its centre: rounding errors."""
+"""Distance, in units of the points, by which the centre of an explicit pressure may be wrong because of rounding
+errors.
+"""
 
 EDGES = 16
-"""Edges of the pyramids around the cones when a direction inside their dual cones is sought."""
+"""Number of edges of the pyramids around the cones in the search for a direction inside the dual cones."""
 
 
 @dataclass(frozen=True, eq=False)
 class Face:
-    """Contact points `first` to `last` (excluded) of block `above`, against block `below` or, at -1, the ground.
+    """Contact points between a block and another block or the ground.
 
-    axes: of the face as columns (3, 3), its normal last; those of the wrenches if None
-    closing: index of the closing force that the normal forces of the face add up to, -1 for none
+    Attributes:
+        first: index of the first contact point.
+        last: index after the last contact point.
+        above: the block that the forces act on with +.
+        below: the block that the forces act on with -; -1 for the ground.
+        axes: axes of the face as columns, its normal last (3, 3); None for the axes of the wrenches.
+        closing: index of the closing force that the normal forces of the face sum to; -1 for none.
     """
 
     first: int
@@ -51,10 +57,11 @@ class Face:
 class Contacts:
     """Contact points of K blocks in T programs.
 
-    faces: contacts of the blocks; a block comes after all that support it
-    point: (3, n, T) contact points, [m] or any other unit of length; an axis T of length 1 is for all programs
-    mu: (n, T) coefficients of friction
-    inside: (rows,) direction strictly inside the dual cones of all points, see `inner_direction`
+    Attributes:
+        faces: contacts of the blocks; each block comes after all blocks that support it.
+        point: contact points (3, n, T), in any unit of length; the axis T has length 1 if all programs share them.
+        mu: coefficients of friction (n, T).
+        inside: direction strictly inside the dual cones of all points (rows,), see `inner_direction`.
     """
 
     faces: tuple[Face, ...]
@@ -78,7 +85,7 @@ class Contacts:
         return 6 * (1 + max(other.above for other in self.faces)) + face.closing
 
     def seen(self, y: Array) -> Array:
-        """Return A_i^T y, the part of y (rows, T) that a force at point i sees, in force coordinates, (3, n, T)."""
+        """Return A_i^T y: the rows y (rows, T) as functionals of the force coordinates at each point, (3, n, T)."""
         out = np.empty((3, self.mu.shape[0], y.shape[-1]))
         for face in self.faces:
             part = face.part
@@ -107,7 +114,7 @@ class Contacts:
         return out
 
     def columns(self, face: Face, c: Array) -> Array:
-        """Return `wrenches` with the row of the closing force behind them, if there is one; c (3, 3, n_face, T)."""
+        """Return `wrenches` for c (3, 3, n_face, T), followed by the row of the closing force if there is one."""
         wrenches = self.wrenches(face, c)
         return wrenches if face.closing < 0 else np.concatenate([wrenches, c[:1]])
 
@@ -150,7 +157,8 @@ def _at(y: Array, block: int) -> Array:
 def inner_direction(faces: Sequence[Face], friction: Sequence[float]) -> Array:
     """Return a direction (rows,) strictly inside the dual cones of the points of all faces.
 
-    It is the shortest one, without moments, along which each force on the edge of a cone has a part of at least 1.
+    It is the shortest direction without moments along which each force on the edge of a cone has a component of at
+    least 1.
 
     Args:
         faces: the faces.
@@ -189,14 +197,14 @@ def single_block(points: Array, mu: float) -> Contacts:
 
 
 def even_pressure(contacts: Contacts, programs: int) -> Array:
-    """Return the rows of equal normal forces, 1 in sum, at all points, (rows, programs)."""
+    """Return the rows of equal normal forces at all points that sum to 1, (rows, programs)."""
     c = np.zeros((3, contacts.mu.shape[0], programs))
     c[0] = 1.0 / c.shape[1]
     return contacts.pressed(c)
 
 
 def least_forces(contacts: Contacts, rows: Array) -> Array:
-    """Return the forces (3, n, T) that exert rows (rows, T) and are nearest to an even pressure of the same size."""
+    """Return the forces (3, n, T) nearest to an even pressure of the same size that exert rows (rows, T)."""
     points, programs = contacts.mu.shape[0], rows.shape[-1]
     c = np.zeros((3, points, programs))
     even = contacts.inside @ even_pressure(contacts, programs)
@@ -209,14 +217,15 @@ def least_forces(contacts: Contacts, rows: Array) -> Array:
 
 
 def simply_held(contacts: Contacts, wrench: Array) -> Flags:
-    """Return whether one simple choice of forces balances a wrench (6, ...) on one block on the ground.
+    """Return whether explicit forces balance a wrench (6, ...) on one block on the ground.
 
-    The points must be the corners of a convex polygon, counter-clockwise, in the plane z = 0. They share the normal
-    force in Wachspress's coordinates l_i of its centre of pressure c, which are positive inside the polygon:
-    l_i ~ area(p_{i-1}, p_i, p_{i+1}) / (area(c, p_{i-1}, p_i) area(c, p_i, p_{i+1})). Friction is the same share t of
-    the pressure at all points, plus a part that makes the moment: a rotation about c, or a part across t proportional
-    to the place along t. Explicit forces are sufficient, not necessary, and a hundred times quicker than a search for
-    them. Any axes may follow, if those of contacts and wrench broadcast.
+    The points must be the corners of a convex polygon, counter-clockwise, in the plane z = 0. The normal force is
+    divided among them by the Wachspress coordinates l_i of its centre of pressure c, which are positive inside the
+    polygon: l_i ~ area(p_{i-1}, p_i, p_{i+1}) / (area(c, p_{i-1}, p_i) area(c, p_i, p_{i+1})). The friction force at
+    every point is the same share t of its normal force, plus a part that supplies the moment: a rotation about c, or a
+    part across t that grows in proportion to the position along t. This condition is sufficient, not necessary, and a
+    hundred times faster to evaluate than a search for forces. Further axes are allowed if those of contacts and wrench
+    broadcast.
     """
     if len(contacts.faces) > 1 or contacts.mu.shape[0] < 3 or np.any(contacts.point[2]):
         return np.zeros(wrench.shape[1:], dtype=bool)
@@ -233,16 +242,16 @@ def simply_held(contacts: Contacts, wrench: Array) -> Flags:
 
 
 def _polygons(points: int) -> list[slice]:
-    """Return all points, and if they are many also some polygons of four or five of them.
+    """Return all points, and for many points also some polygons of four or five of them.
 
-    Round faces are not convex any more once their points have been displaced, but a few of their points still are.
+    A displacement of its points can make a round face non-convex, but polygons of a few of its points stay convex.
     """
     step = points // 4
     return [slice(None)] + [slice(first, None, step) for first in range(step)] * (points > 8)
 
 
 def _wachspress(point: Array, cx: Array, cy: Array) -> Array:
-    """Return shares (n, ...) of a force at (cx, cy) between the corners of a polygon (2, n, ...), else not a number."""
+    """Return the shares (n, ...) of a force at (cx, cy) among the corners of a polygon (2, n, ...); nan outside."""
     px, py = point
     n = len(px)
     ex, ey = (np.stack([values[(i + 1) % n] - values[i] for i in range(n)]) for values in (px, py))
@@ -255,14 +264,14 @@ def _wachspress(point: Array, cx: Array, cy: Array) -> Array:
 def spread_holds(
     point: Array, mu: Array, share: Array, friction: tuple[Array, Array], moment: Array, center: tuple[Array, Array]
 ) -> Flags:
-    """Return whether a unit normal force with given shares allows friction and moment about the normal.
+    """Return whether a unit normal force with given shares allows a friction force and a moment about the normal.
 
     Args:
-        point: (2, n, ...) contact points in their plane.
-        mu: (n, ...) coefficients of friction.
-        share: (n, ...) shares of the normal force, 1 in sum.
-        friction: the two parts of the friction force, (...) each.
-        moment: (...) about the normal at the origin.
+        point: contact points in their plane (2, n, ...).
+        mu: coefficients of friction (n, ...).
+        share: shares of the normal force (n, ...), which sum to 1.
+        friction: the two components of the friction force, (...) each.
+        moment: moment about the normal at the origin (...).
         center: the two coordinates of the centre of pressure, (...) each.
     """
     (tx, ty), (cx, cy) = friction, center

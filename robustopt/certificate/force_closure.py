@@ -1,20 +1,21 @@
-"""Force closure on exact Coulomb cones: do contact forces balance a wrench, and how far from the limit is it?
+"""Force closure on exact Coulomb cones: whether contact forces balance a wrench, and how far it is from the limit.
 
-K blocks balance if forces exist in the cones of all contact points whose wrenches sum to the required wrench w, (6 K,),
-and whose closing forces are as given. All such sums form a convex cone C.
+K blocks balance if the cones of all contact points contain forces whose wrenches sum to the required wrench w (6 K,)
+and whose closing forces have the given values. All such sums form a convex cone C.
 
-The gauge of rest + move, seen from rows `rest` inside the cone, is
+The gauge of rest + move, with rows `rest` inside the cone as the reference, is
 
-    gamma = min {g >= 0: g rest + move in C},
+    gamma = min {g >= 0: g rest + move in C}.
 
-1 at the limit, |f_t| / (mu f_z) for a block that slides, and the share of its way to the edge of the patch that the
-centre of pressure has gone for a block that tips. It is a second-order cone program,
+It is 1 at the limit and |f_t| / (mu f_z) for a block that slides. For a block that tips it is the distance of the
+centre of pressure from its place at rest, as a share of the distance to the edge of the patch. The gauge is the optimum
+of a second-order cone program and of its dual,
 
     min g  s.t.  sum_i A_i f_i - g rest = move,  f_i in the cone of point i,
     max -y move  s.t.  A_i^T y in the (self-dual) cone of point i,  y rest <= 1,
 
-solved by a primal-dual interior-point method with Nesterov and Todd's scaling and Mehrotra's predictor and corrector.
-The iterates y are feasible throughout, so each bounds gamma from below; forces that balance bound it from above.
+which a primal-dual interior-point method solves, with Nesterov-Todd scaling and Mehrotra's predictor and corrector. All
+iterates y are feasible, so each bounds gamma from below; forces that balance bound it from above.
 """
 
 from __future__ import annotations
@@ -28,35 +29,41 @@ from robustopt.certificate.cone_algebra import Scaling, cholesky, divide, ray, r
 from robustopt.certificate.contact_points import Contacts, even_pressure
 
 GAP = 1e-8
-"""Width of the bracket of gamma, and unbalanced share of the wrench, at which a program is solved: a hundredth of the
-violation that a certificate forgives, and above the rounding errors of the normal equations (about 1e-9)."""
+"""Width of the bracket of gamma, and residual as a share of the wrench, at which a program is solved: a hundredth of
+the violation that a certificate accepts, and above the rounding errors of the normal equations (about 1e-9).
+"""
 
 ROUGH_GAP = 2e-7
-"""The same for a program that rounding errors keep from improving, as with degenerate patches."""
+"""The same for a program whose accuracy is limited by rounding errors, for example because of degenerate patches."""
 
 NEARLY = 1e-4
-"""Share of the wrench that may be left over where rounding errors end a program early; a second program balances it."""
+"""Residual, as a share of the wrench, that is accepted if rounding errors end a program early; a second program
+balances it.
+"""
 
 MOST_ITERATIONS = 60
-"""Ten are usual."""
+"""Largest number of iterations; ten are usual."""
 
 MOST = 1e4
-"""A gauge above this counts as infinite: what is to be balanced lies outside the cone for every g."""
+"""A gauge above this counts as infinite: g rest + move lies outside the cone for every g."""
 
 BACK_OFF = 0.99
-"""Share of the way to the boundary of the cones that a step takes."""
+"""Length of a step, as a share of the distance to the boundary of the cones."""
 
 CHUNK = 1024
-"""Programs solved together: few enough for the cache, enough to hide the cost of an array operation."""
+"""Number of programs that are solved together: few enough for the cache, enough to hide the overhead of array
+operations.
+"""
 
 
 @dataclass(frozen=True)
 class Gauge:
     """Solutions of T programs.
 
-    value: (T,) gamma, from forces that balance, infinite if there are none
-    lower: (T,) bound from below
-    y: (rows, T) the limit that is nearest: y w >= 0 for all w in the cone
+    Attributes:
+        value: gamma, from forces that balance; infinite if there are none (T,).
+        lower: lower bound of gamma (T,).
+        y: the nearest limit, y w >= 0 for all w in the cone (rows, T).
     """
 
     value: Array
@@ -67,13 +74,13 @@ class Gauge:
 def gauge(contacts: Contacts, rest: Array, move: Array, good_enough: Array | float = 0.0, gap: float = GAP) -> Gauge:
     """Return the smallest g with g rest + move in the cone, to within `gap`.
 
-    Forces divided by the weight and lengths divided by the size of the patch are best.
+    The accuracy is best if forces are divided by the weight and lengths by the size of the patch.
 
     Args:
         contacts: contact points of T programs.
-        rest: (rows, T) seen from here.
-        move: (rows, T).
-        good_enough: (T,) any g up to this one will do.
+        rest: reference (rows, T).
+        move: rows that the motion adds (rows, T).
+        good_enough: gauge below which the search may stop (T,).
         gap: accuracy.
     """
     count = rest.shape[-1]
@@ -92,8 +99,8 @@ def gauge(contacts: Contacts, rest: Array, move: Array, good_enough: Array | flo
 def _with_left_over(contacts: Contacts, rest: Array, programs: _InteriorPoint, lost: Indices) -> Array:
     """Return the gauges (T,) of programs that rounding errors keep from balancing to the last digits.
 
-    g rest + move - r is balanced, r the wrench that is left over, and h rest + r for the gauge h of r; so
-    (g + h) rest + move is balanced too. h is in proportion to the length of r, which is small.
+    Let r be the residual wrench. Forces balance g rest + move - r, and with the gauge h of r they balance h rest + r,
+    so they balance (g + h) rest + move. h is proportional to the length of r, which is small.
     """
     size = programs.left_over_size[lost]
     direction = programs.left_over[:, lost] / np.maximum(size, 1e-300)
@@ -101,7 +108,7 @@ def _with_left_over(contacts: Contacts, rest: Array, programs: _InteriorPoint, l
 
 
 def seen_from(contacts: Contacts, held: Flags, rest: Array, move: Array) -> tuple[Array, Array]:
-    """Return `rest` and `move`, but with an even pressure for `rest` if that is not held."""
+    """Return `rest` and `move`, with an even pressure as the reference in place of any `rest` that is not held."""
     if held.all():
         return rest, move
     even = even_pressure(contacts, rest.shape[-1])
@@ -111,9 +118,15 @@ def seen_from(contacts: Contacts, held: Flags, rest: Array, move: Array) -> tupl
 class _InteriorPoint:
     """State of the iteration for the T programs that are not solved yet.
 
-    force, slack: (3, n, T) coordinates of the forces and the dual cones' slacks; g, slack_g: (T,) the last variable and
-    its slack 1 - y rest; y: (rows, T); index: (T,) which programs of the caller these are; reached, left_over: g and
-    the rows that are not balanced, of the best iterate, (T,) and (rows, T)
+    Attributes:
+        force: coordinates of the forces (3, n, T).
+        slack: slacks of the dual cones (3, n, T).
+        g: the last variable of the primal program (T,).
+        slack_g: its slack, 1 - y rest (T,).
+        y: variables of the dual program (rows, T).
+        index: index of each program among those of the caller (T,).
+        reached: g of the best iterate (T,).
+        left_over: residual of the best iterate (rows, T).
     """
 
     def __init__(self, contacts: Contacts, rest: Array, move: Array, enough: Array, gap: float) -> None:
@@ -137,9 +150,10 @@ class _InteriorPoint:
         self._keep(pressing)
 
     def solve(self) -> _InteriorPoint:
-        """Iterate until all programs are solved; `value`, `lower` (T,) and `direction` (rows, T) are their solutions.
+        """Iterate until all programs are solved.
 
-        A program at the end of its numerical precision may break down; its best iterate counts.
+        The solutions are `value`, `lower` (T,) and `direction` (rows, T). A program may break down at the limit of
+        numerical precision; then its best iterate is the solution.
         """
         with np.errstate(all="ignore"):
             for _ in range(MOST_ITERATIONS):
@@ -150,7 +164,7 @@ class _InteriorPoint:
         return self
 
     def _bracket(self) -> None:
-        """Update slacks, bounds and residual of the iterate; put aside the programs that are solved or hopeless."""
+        """Update slacks, bounds and residual of the iterate; put aside the programs that are solved or cannot be."""
         self.slack = self.contacts.seen(self.y)
         self.slack_g = 1.0 - (self.rest * self.y).sum(axis=0)
         lower = -(self.move * self.y).sum(axis=0)
@@ -172,7 +186,7 @@ class _InteriorPoint:
         self._keep(~(enough | (error < self.gap) | (lower > MOST) | stuck))
 
     def _unbalanced(self) -> Array:
-        """Return the length (T,) of the residual, rows of friction in units of the lowest friction."""
+        """Return the length (T,) of the residual, with the friction rows in units of the lowest friction."""
         wrenches = 6 * (1 + max(face.above for face in self.contacts.faces))
         rows = (self.residual[:wrenches] ** 2).reshape(-1, 6, len(self.index)).sum(axis=0)
         friction = np.minimum(self.contacts.mu.min(axis=0), 1.0)
@@ -180,7 +194,7 @@ class _InteriorPoint:
         return np.asarray(np.sqrt(plain + (rows[0] + rows[1] + rows[5]) / friction**2))
 
     def _keep(self, chosen: Flags) -> None:
-        """Drop the programs that are not `chosen`."""
+        """Keep only the `chosen` programs."""
         if chosen.all():
             return
         keep = np.flatnonzero(chosen)
@@ -191,7 +205,7 @@ class _InteriorPoint:
         self.enough, self.error, self.index = self.enough[keep], self.error[keep], self.index[keep]
 
     def _iterate(self) -> None:
-        """Take one predictor and one corrector."""
+        """Take one predictor and one corrector step."""
         root, scaled_g = np.sqrt(self.g / self.slack_g), np.sqrt(self.g * self.slack_g)
         scaling = Scaling(self.force, self.slack)
         scaled = scaling(self.slack)

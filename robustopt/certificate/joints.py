@@ -1,7 +1,7 @@
 """Utilisation of the joint limits: position, velocity, acceleration with its error, torque with payload and friction.
 
-Without a floating base, or on a single environment contact, the torques follow from the motion. On several contacts see
-`shared_torque`.
+Without a floating base, or on a single environment contact, the torques follow from the motion. For several contacts
+see `shared_torque`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from robustopt.robot.joint_limits import JointLimits
 
 
 def check_kinematics(world: World, joints: Joints, free: Array, limits: JointLimits, tally: Tally) -> None:
-    """Look at position, velocity and acceleration, the last one with the worse end of its error."""
+    """Check position, velocity and acceleration, with the acceleration error at its worse end."""
     motors = slice(world.base, None)
     lower, upper = world.lower.error[motors, None], world.upper.error[motors, None]
     above, below = joints.acceleration + upper * free, joints.acceleration + lower * free
@@ -43,9 +43,10 @@ def check_kinematics(world: World, joints: Joints, free: Array, limits: JointLim
 
 
 def _position(position: Array, low: Array, high: Array) -> Array:
-    """Return the distance from the middle of the range as a share of its half, 0 for a joint without limits, (m, T).
+    """Return the distance from the middle of the range as a share of half the range, (m, T).
 
-    With one limit only there is no range: 1 plus the distance beyond the limit [rad or m], at least 0.
+    For a joint without limits it is 0. For a joint with a single limit it is 1 plus the distance beyond the limit [rad
+    or m], but at least 0.
     """
     both = np.isfinite(low) & np.isfinite(high)
     bottom, top = np.where(both, low, -1.0), np.where(both, high, 1.0)
@@ -55,9 +56,9 @@ def _position(position: Array, low: Array, high: Array) -> Array:
 
 
 def torques(world: World, joints: Joints, free: Array, loads: Sequence[Load], values: Parameters) -> Array:
-    """Return the joint torques (m, ...) [N m or N] for the wrenches of all bodies with the values at hand.
+    """Return the joint torques (m, ...) [N m or N] for given values, with the wrenches of all bodies.
 
-    Joints that do not move count with their dry friction on the worse side.
+    Dry friction acts in the worse direction on joints that do not move.
     """
     wrenches: dict[str, Array] = {}
     for body, (rest, move) in zip(world.bodies, loads, strict=True):
@@ -77,7 +78,13 @@ def torques(world: World, joints: Joints, free: Array, loads: Sequence[Load], va
 
 @dataclass(frozen=True, eq=False)
 class KnownTorques:
-    """Joints whose torque follows from the motion, at the instants `at`; limits: (m,) of the torques."""
+    """Joints whose torque follows from the motion.
+
+    Attributes:
+        joints: the joints.
+        limits: torque limits (m,) [N m or N].
+        at: indices of the instants.
+    """
 
     joints: Joints
     limits: Array
@@ -85,16 +92,16 @@ class KnownTorques:
 
 
 def check_torque(world: World, motion: Motion, known: KnownTorques, tally: Tally) -> None:
-    """Look at the torque with the ends of the intervals that are worst for each joint and sign, at every instant.
+    """Check the torque of each joint, in both directions and at every instant, at the worst ends of the intervals.
 
-    The torque of a joint is a linear function of the wrenches of the bodies and of the acceleration error, so the ends
-    are found exactly but for the product of the two.
+    The torque of a joint is a linear function of the wrenches of the bodies and of the acceleration error. So the worst
+    ends are exact except for the product of the two.
 
     Args:
         world: the bodies.
-        motion: at the instants of `known`.
+        motion: motion at the instants of `known`.
         known: the joints.
-        tally: told the worst.
+        tally: receives the worst utilisations.
     """
     start = world.nominal.repeated(len(motion.free))
     for j in range(len(known.limits)):
@@ -114,7 +121,7 @@ def check_torque(world: World, motion: Motion, known: KnownTorques, tally: Tally
 
 
 def tell_torque(world: World, utilisation: Array, j: int, values: Parameters, at: Indices, tally: Tally) -> None:
-    """Tell the tally the utilisation (k,) of the torque of motor j at instants `at`, found with k sets of values."""
+    """Add the utilisation (k,) of the torque of motor j at instants `at`, for k sets of values, to the tally."""
     name = LimitName(LimitKind.TORQUE, world.joints[world.base + j])
     for k in tally.peaks(utilisation, at):
         if tally.exceeds(name, float(utilisation[k]), int(at[k])):

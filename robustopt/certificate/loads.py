@@ -1,9 +1,9 @@
 """Newton and Euler: the wrenches that the bodies require, and the values for which sums of them are lowest.
 
-A body of mass m, centre of mass c from the origin of its frame and inertia I about it requires the force m (a_c - g)
-with a_c = a + alpha x c + omega x (omega x c), and about its centre of mass the moment I alpha + omega x I omega. A
-wrench here is force then moment about the origin of the body's frame, in its axes, in two parts: `rest` against gravity
-alone, and `move`, all that the motion adds. Arrays end with any axes that broadcast against the T instants.
+A body of mass m, with centre of mass c from the origin of its frame and inertia I about c, requires the force m (a_c -
+g) with a_c = a + alpha x c + omega x (omega x c), and the moment I alpha + omega x I omega about its centre of mass. A
+wrench here is force then moment about the origin of the body's frame, in its axes. It has two parts: `rest` balances
+gravity alone, and `move` is all that the motion adds. The last axes of all arrays broadcast to the T instants.
 """
 
 from __future__ import annotations
@@ -27,7 +27,14 @@ ENDS = tuple((a, b, c, d) for a in (0, 1) for b in (0, 1) for c in (0, 1) for d 
 
 @dataclass(frozen=True, eq=False)
 class Functional:
-    """A linear function of the wrench w = weight rest + move of body `body`: force w[:3] + moment w[3:]."""
+    """A linear function of the wrench w = weight rest + move of one body: force w[:3] + moment w[3:].
+
+    Attributes:
+        body: index of the body.
+        force: coefficients of the force (3, ...).
+        moment: coefficients of the moment (3, ...).
+        weight: factor on `rest`.
+    """
 
     body: int
     force: Array
@@ -41,7 +48,7 @@ class Functional:
 
 
 def shaken(frame: Frame, free: Array, error: Array) -> Frame:
-    """Return the motion of a frame with acceleration errors (n, ...) while the robot moves."""
+    """Return the motion of a frame with acceleration errors (n, ...), which are zero while the robot stands still."""
     extra = np.zeros((6, *np.broadcast_shapes(error.shape[1:], free.shape)))
     for joint, value in enumerate(error):
         if np.any(value):
@@ -52,7 +59,7 @@ def shaken(frame: Frame, free: Array, error: Array) -> Frame:
 
 
 def body_load(body: Body, frame: Frame, mass: Array, com: Array) -> Load:
-    """Return the wrench that a body requires, (6, ...) each part; mass (...), com (3, ...) body axes."""
+    """Return the two parts of the wrench that a body requires, (6, ...) each; mass (...), com (3, ...) in body axes."""
     center = np.tensordot(body.turn, com, axes=1) + body.center.reshape(3, *[1] * (com.ndim - 1))
     spin = frame.spin
     turning = np.tensordot(body.inertia, frame.angular, axes=1) + cross(spin, np.tensordot(body.inertia, spin, axes=1))
@@ -66,7 +73,7 @@ def _wrench(force: Array, center: Array, turning: Array | float) -> Array:
 
 
 def body_loads(world: World, motion: Motion, values: Parameters) -> list[Load]:
-    """Return the wrenches that all bodies require, (6, ...) each part."""
+    """Return the two parts of the wrench that each body requires, (6, ...) each."""
     frames = {name: shaken(frame, motion.free, values.error) for name, frame in motion.frames.items()}
     return [body_load(body, frames[body.frame], values.mass[b], values.com[b]) for b, body in enumerate(world.bodies)]
 
@@ -76,14 +83,15 @@ def at_lowest(
 ) -> Parameters:
     """Return the ends of mass, centre of mass and acceleration error at which a sum of functionals is lowest.
 
-    The bodies are independent, and each is tried at all its ends; then the error, in which the sum is linear.
+    The bodies are independent, so all ends of each body are tried by themselves. The sum is linear in the error, whose
+    end is chosen afterwards.
 
     Args:
         world: the bodies and intervals.
-        motion: at T instants.
+        motion: motion at T instants.
         values: T sets of values to start from.
-        goals: the functionals, each of one body.
-        joint_goal: (n, T) gain of the sum per acceleration error, besides those of the bodies.
+        goals: the functionals, one body each.
+        joint_goal: further gain of the sum per acceleration error (n, T).
     """
     frames = {name: shaken(frame, motion.free, values.error) for name, frame in motion.frames.items()}
     mass, com = values.mass.copy(), values.com.copy()
@@ -98,7 +106,7 @@ def at_lowest(
 
 
 def _lowest_ends(world: World, goal: Functional, frame: Frame, mass: Array, com: Array) -> None:
-    """Set mass (B, T) and com (B, 3, T) of one body to the ends of their intervals where the goal is lowest."""
+    """Set mass (B, T) and com (B, 3, T) of one body to the ends of their intervals at which the goal is lowest."""
     b = goal.body
     ends = np.array([np.r_[p.mass[b], p.com[b]] for p in (world.lower, world.upper)])
     wide = ends[0] < ends[1]

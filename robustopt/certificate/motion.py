@@ -1,8 +1,8 @@
-"""Motion of a plan at many instants: of the joints, the base and the frames of all bodies, T the number of instants.
+"""Motion of the joints, the base and the frames of all bodies at T instants of a plan.
 
-u = sdd is constant on an interval of the grid and x = sd^2 linear in s, so everything in between is known exactly. Each
-interval is looked at from both of its ends, with its own u and the x of the grid point, and at points in between. Where
-the plan stands still, at its ends and inner stops, it is looked at once more with u = 0.
+u = sdd is constant on an interval of the grid and x = sd^2 is linear in s, so the motion in between is known exactly.
+Each interval is checked at both of its ends, with its own u and the x of the grid point, and at points in between. At
+standstills, the two ends and inner stops of the path, there is one more instant with u = 0.
 """
 
 from __future__ import annotations
@@ -18,18 +18,23 @@ from robustopt.robot import Dynamics, Robot
 from robustopt.solvers import Plan
 
 CARRIER = "robustopt carrier"
-"""Name of the frame that all objects are rigid to, among those of links, which have the names of their bodies."""
+"""Name of the frame that all objects are attached to; frames of links have the names of their bodies."""
 
 
 @dataclass(frozen=True, eq=False)
 class Instants:
-    """Instants at which a plan is looked at, (T,) each.
+    """Instants at which a plan is checked, (T,) each.
 
-    s, t: place and time
-    x, u: sd^2 and sdd there
-    grid: True at a grid point
-    free: 1 if the robot moves, 0 if it stands still and has no acceleration error
-    node: index of s among the distinct `nodes`, positions and pieces, at which dynamics are needed
+    Attributes:
+        s: position along the path.
+        t: time [s].
+        x: sd^2 [1/s^2].
+        u: sdd [1/s^2].
+        grid: True at a grid point.
+        free: 1 if the robot moves; 0 if it stands still and has no acceleration error.
+        node: index of the node, one of the P distinct positions at which dynamics are needed.
+        node_s: position of each node along the path (P,).
+        node_piece: piece of the path of each node (P,).
     """
 
     s: Array
@@ -44,11 +49,11 @@ class Instants:
 
 
 def instants(plan: Plan, between: Sequence[float], every: int = 1) -> Instants:
-    """Return instants of every `every`-th interval, both ends and shares `between` of its length, and all standstills.
+    """Return instants on every `every`-th interval, at its ends and in between, and at all standstills.
 
     Args:
         plan: the plan.
-        between: shares of the length of an interval, without 0 and 1.
+        between: instants within an interval, as shares of its length, without 0 and 1.
         every: step from one interval to the next.
     """
     ds = np.diff(plan.s)
@@ -85,7 +90,7 @@ def instants(plan: Plan, between: Sequence[float], every: int = 1) -> Instants:
 
 
 class Series:
-    """Base class of a dataclass of arrays whose last axis T counts instants, of mappings of such, and of series."""
+    """Base class of dataclasses of arrays with T instants as their last axis, or of mappings of such series."""
 
     def at(self, index: Indices | slice) -> Self:
         """Return the series at some of the instants."""
@@ -103,11 +108,16 @@ class Series:
 
 @dataclass(frozen=True, eq=False)
 class Frame(Series):
-    """Motion of a frame that is rigid to a link, in its own axes.
+    """Motion of a frame that is attached to a link, in its own axes.
 
-    linear, angular: (3, T) acceleration of its origin; spin: (3, T) its angular velocity; gravity: (3, T)
-    jacobian: (6, n, T) of its origin, linear then angular
-    to_base: (base, 6, T) wrench on the floating base, about the world's origin, for a wrench about its origin
+    Attributes:
+        linear: acceleration of the origin (3, T) [m/s^2].
+        angular: angular acceleration (3, T) [rad/s^2].
+        spin: angular velocity (3, T) [rad/s].
+        gravity: acceleration of gravity (3, T) [m/s^2].
+        jacobian: Jacobian of the origin, linear then angular (6, n, T).
+        to_base: matrix from a wrench about the frame's origin to the wrench on the floating base, about the world's
+            origin (base, 6, T).
     """
 
     linear: Array
@@ -122,9 +132,11 @@ class Frame(Series):
 class Motion(Series):
     """Motion of all bodies, and the wrench that the robot's links alone require at their floating base.
 
-    frames: by name
-    base_force: (base, T) about the world's origin, world axes; base_inertia: (base, n, T) its change per acceleration
-    free: (T,) 0 where the robot stands still
+    Attributes:
+        frames: frames by name.
+        base_force: required wrench about the world's origin, world axes (base, T) [N, N m].
+        base_inertia: change of this wrench per acceleration (base, n, T).
+        free: 0 if the robot stands still, else 1 (T,).
     """
 
     frames: Mapping[str, Frame]
@@ -135,14 +147,18 @@ class Motion(Series):
 
 @dataclass(frozen=True, eq=False)
 class Joints(Series):
-    """Motion and torques of the m joints that motors drive.
+    """Motion and torques of the m joints that have motors.
 
-    position, velocity, acceleration: (m, T)
-    torque: (m, T) of the links and joint friction, without payload; inertia: (m, n, T) its change per acceleration
-    to_torque: (m, 6, T) by frame, for a wrench about its origin
-    sticking: (m, T) dry friction of joints that do not move, of either sign
-    squeeze: (m, T) per internal force between the first two hands, from the second to the first
-    pulls: (m, 6, T) by environment contact, torque that its wrench about the world's origin takes over
+    Attributes:
+        position: joint positions (m, T) [rad or m].
+        velocity: joint velocities (m, T) [rad/s or m/s].
+        acceleration: joint accelerations (m, T) [rad/s^2 or m/s^2].
+        torque: torque of the links and of joint friction, without payload (m, T) [N m or N].
+        inertia: change of the torque per acceleration (m, n, T).
+        to_torque: by frame, matrix from a wrench about its origin to joint torques (m, 6, T).
+        sticking: dry friction of joints that do not move, in either direction (m, T) [N m or N].
+        squeeze: torque per internal force between the first two hands, from the second to the first (m, T).
+        pulls: by environment contact, torque that its wrench about the world's origin replaces (m, 6, T).
     """
 
     position: Array
@@ -160,7 +176,7 @@ class Joints(Series):
         return self._mapped(lambda values: values[j : j + 1])
 
     def standing_on(self, contact: str, motion: Motion) -> Joints:
-        """Return the joints where a single environment contact exerts all that the base requires."""
+        """Return the joints with the torques of a single environment contact that exerts all that the base requires."""
         pull = self.pulls[contact]
         to_torque = {
             name: maps - np.einsum("mkt,kjt->mjt", pull, motion.frames[name].to_base)
@@ -180,7 +196,7 @@ def motion(plan: Plan, at: Instants, links: Sequence[str] = ()) -> tuple[Motion,
     Args:
         plan: the plan.
         at: the instants.
-        links: names of the robot's bodies whose frames are of interest.
+        links: names of the links whose frames are needed.
     """
     robot, path = plan.problem.robot, plan.problem.path
     nodes = [path.evaluate(at.node_s, at.node_piece, order) for order in range(3)]
@@ -233,7 +249,7 @@ def _carrier(found: Dynamics, nodes: list[Array], at: Instants, base: int) -> tu
 def between_hands(robot: Robot) -> Array:
     """Return the wrench (6,) of a unit force on the tray along the line from its second to its first hand.
 
-    Carrier axes, about the origin of the carrier; it is that of the first hand, and the second has the opposite.
+    It is in carrier axes about the origin of the carrier. The first hand exerts this wrench, the second its opposite.
     """
     first, second = robot.hands[0].point, robot.hands[1].point
     line = (first - second) / np.linalg.norm(first - second)
@@ -241,7 +257,7 @@ def between_hands(robot: Robot) -> Array:
 
 
 def _squeeze(robot: Robot, found: Dynamics, at: Instants) -> Array:
-    """Return the joint torques (m, T) per internal force between two hands, 0 for one tool."""
+    """Return the joint torques (m, T) per internal force between two hands; 0 with a single tool."""
     hands = found.carrier.hands if found.carrier is not None else None
     if hands is None:
         return np.zeros((robot.n - robot.base, len(at.s)))
@@ -249,7 +265,7 @@ def _squeeze(robot: Robot, found: Dynamics, at: Instants) -> Array:
 
 
 def _to_world(position: Array, rotation: Array) -> Array:
-    """Return the matrices (P, 6, 6) from wrenches about a frame's origin to those about the world's, world axes."""
+    """Return the matrices (P, 6, 6) from wrenches about a frame's origin to those about the world's, in world axes."""
     x, y, z = position.T
     none = np.zeros_like(x)
     arm = np.moveaxis(np.array([[none, -z, y], [z, none, -x], [-y, x, none]]), 2, 0)
@@ -274,7 +290,7 @@ def _link(robot: Robot, name: str, nodes: list[Array], at: Instants) -> tuple[Fr
 
 
 def stances(plan: Plan, at: Instants) -> Indices:
-    """Return the stance (T,) of each instant, at a switch the one with fewer contacts; 0 without steps."""
+    """Return the stance (T,) of each instant: at a switch the one with fewer contacts, without steps 0."""
     found = plan.problem.path.stances
     borders = np.array([stance.begin for stance in found[1:]])
     before = np.searchsorted(borders, at.s, side="left")
@@ -288,5 +304,5 @@ def _product(matrices: Array, vectors: Array) -> Array:
 
 
 def _last(values: Array, at: Instants) -> Array:
-    """Return values at nodes, their first axis, at the instants, as their last axis."""
+    """Return values given at nodes (first axis) at the instants (last axis)."""
     return np.ascontiguousarray(np.moveaxis(values, 0, -1)[..., at.node])

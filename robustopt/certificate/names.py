@@ -1,4 +1,4 @@
-"""Names of the limits that a certificate looks at."""
+"""Names of the limits that a certificate checks."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from robustopt.scene.patches import Law, Patch
 from robustopt.scene.placement import TRAY, supports
 
 TIMING = LimitName(LimitKind.TIMING, "timing")
-"""Name of the limit that x and u belong together and the robot starts, stops and ends at rest."""
+"""Name of the limit that x and u are consistent and the robot is at rest at the start, at stops and at the end."""
 
 IN_PLACE = LimitName(LimitKind.PLACE, "contacts")
-"""Name of the limit that environment contacts rest where the path has them."""
+"""Name of the limit that environment contacts stay in their places on the path."""
 
 
 def object_system(config: Config, group: Sequence[str], patches: Sequence[Patch]) -> LimitName:
@@ -37,11 +37,11 @@ def stance_system(stance: Stance) -> LimitName:
 
 
 def failure(kind: LimitKind, patch: Patch) -> LimitName:
-    """Return the name of a limit of a single support, lip or pair of pads, in the words of its law.
+    """Return the name of a limit of a single support, cup or gripper, in the words of its contact law.
 
     Args:
         kind: slip, tipping or twist.
-        patch: the patch, the driven one of two pads.
+        patch: the patch; of two pads, the driven one.
     """
     if patch.law is Law.FRICTION:
         return LimitName(kind, patch.object, patch.support)

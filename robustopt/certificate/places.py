@@ -1,4 +1,4 @@
-"""Environment contacts rest in their places: feet on the floor, a hand on its rail."""
+"""Check that environment contacts stay in their places: feet on the floor, a hand on its rail."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from robustopt.certificate.tally import Found, Tally
 from robustopt.solvers import Plan
 
 DRIFT = 1e-4
-"""How far a point of a standing foot may be from its place on the path [m]: a tenth of the accuracy of a robot."""
+"""Largest distance of a point of a standing foot from its place on the path [m]: a tenth of the accuracy of a robot."""
 
 
 def check_places(plan: Plan, at: Instants, tally: Tally) -> None:
-    """Look at the distance of all contact points from the places where the path has them."""
+    """Check the distances of all contact points from their places on the path."""
     robot, path = plan.problem.robot, plan.problem.path
     if not path.stances:
         return

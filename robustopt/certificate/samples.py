@@ -1,4 +1,4 @@
-"""Utilisation for random values of everything that is uncertain, all at once."""
+"""Utilisation for random values of all uncertain parameters at once."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ from robustopt.certificate.world import World
 from robustopt.certificate.worst import Search
 
 CHUNK = 8192
-"""Samples times instants that are looked at together."""
+"""Number of samples times instants that are checked together."""
 
 STRIDE = 7
-"""The acceleration error changes along the path: instant t of sample d uses the error of sample d + 7 t (a prime, so
-that neighbouring instants and samples share no error)."""
+"""The acceleration error varies along the path: instant t of sample d uses the error of sample d + 7 t. As 7 is
+prime, neighbouring instants and samples share no error.
+"""
 
 
 def check_samples(
@@ -33,16 +34,16 @@ def check_samples(
     per_program: int,
     tally: Tally,
 ) -> None:
-    """Look at every instant with every sample, and at few of them where contacts share.
+    """Check every instant with every sample; check only a few instants per sample if contacts share a wrench.
 
     Args:
         world: the bodies.
-        motion: at all T instants.
+        motion: motion at all T instants.
         known: joints whose torque follows from the motion.
-        searches: of the contact systems.
-        samples: values of everything.
-        per_program: instants per sample for systems without a quick test, others for each sample.
-        tally: told the torques.
+        searches: searches of the contact systems.
+        samples: sets of values of all parameters.
+        per_program: instants per sample for systems without a quick test; they differ from sample to sample.
+        tally: receives the torques.
     """
     simple = [search for search in searches if search.system.simple]
     places = [*(part.at for part in known), *(search.index for search in simple)]
@@ -64,7 +65,7 @@ def _check_everywhere(
     at: Indices,
     tally: Tally,
 ) -> None:
-    """Try every sample at the instants `at`; motion, known and searches are those of just these instants."""
+    """Check every sample at the instants `at`, to which motion, known and searches are restricted."""
     total, count = samples.error.shape[-1], len(at)
     size = max(1, CHUNK // count)
     index = np.tile(np.arange(count), min(size, total))
@@ -86,12 +87,12 @@ def _check_everywhere(
 
 
 def _folded(values: Array, count: int) -> Array:
-    """Return values (..., D count) as (..., D, count), which broadcast against those of `count` instants."""
+    """Return values (..., D count) as (..., D, count), to broadcast with those of `count` instants."""
     return values.reshape(*values.shape[:-1], values.shape[-1] // count, count)
 
 
 def _check_program(search: Search, samples: Parameters, count: int) -> None:
-    """Try every sample at `count` instants of a system, others for each sample."""
+    """Check every sample at `count` instants of a system, which differ from sample to sample."""
     total, size = samples.error.shape[-1], max(1, CHUNK // count)
     for first in range(0, total, size):
         chosen = np.arange(first, min(first + size, total))

@@ -1,4 +1,4 @@
-"""Joint torques on several environment contacts: those of the sharing that uses the limits of the joints least."""
+"""Joint torques on several environment contacts, for the sharing that uses the joint limits least."""
 
 from __future__ import annotations
 
@@ -20,23 +20,24 @@ from robustopt.certificate.worst import Search
 from robustopt.errors import SolverFailed
 
 EDGES = 32
-"""Edges of the friction cones in the programs for the torques: inside the exact cones."""
+"""Number of edges of the friction cones in the torque programs; they lie inside the exact cones."""
 
 
 def check_shared_torque(
     search: Search, searched: Indices, joints: Joints, limits: Array, most: int, tally: Tally
 ) -> None:
-    """Look at the torques of the floating base's joints in a stance on several contacts.
+    """Check the joint torques of a robot with a floating base in a stance on several contacts.
 
-    The contact points are displaced towards the middle of theirs: the hull of any others contains these.
+    The contact points are displaced towards the middle of their contact: the hull of any other displaced points
+    contains these.
 
     Args:
-        search: of the values that the contacts like least.
-        searched: instants at which these were searched, among those of the stance.
-        joints: at the instants of the stance.
-        limits: (m,) of the torques.
-        most: number of instants that are looked at.
-        tally: told the worst.
+        search: search for the values that are worst for the contacts.
+        searched: indices of the searched instants among those of the stance.
+        joints: joints at the instants of the stance.
+        limits: torque limits (m,).
+        most: largest number of instants to check.
+        tally: receives the worst utilisations.
     """
     world, system = search.world, search.system
     chosen = searched[np.unique(np.linspace(0, len(searched) - 1, min(most, len(searched))).astype(int))]
@@ -65,7 +66,7 @@ def _inward(world: World) -> Array:
 
 
 def _generators(world: World, system: System, contacts: Contacts, joints: Joints) -> tuple[Array, Array]:
-    """Return the rows (6, g) of the edges of all friction cones, and the joint torques (m, g) that they take over."""
+    """Return the rows (6, g) of the edges of all friction cones, and the joint torques (m, g) that they replace."""
     angle = 2.0 * np.pi * np.arange(EDGES) / EDGES
     edges = np.stack([np.ones(EDGES), np.cos(angle), np.sin(angle)])
     rows, pulls = [], []
@@ -79,13 +80,13 @@ def _generators(world: World, system: System, contacts: Contacts, joints: Joints
 
 
 def _sharing(generators: Array, pull: Array, rows: Array, torque: Array) -> Array:
-    """Return the forces along the generators (g,) that make the rows (6,) and use the joints least.
+    """Return the forces along the generators (g,) that supply the rows (6,) and use the joint limits least.
 
     Args:
-        generators: (6, g) rows of the generators.
-        pull: (m, g) torques that they take over, as shares of the limits.
-        rows: (6,) that the base requires.
-        torque: (m,) without contacts, as shares of the limits.
+        generators: rows of the generators (6, g).
+        pull: torques that they replace, as shares of the limits (m, g).
+        rows: rows that the base requires (6,).
+        torque: torques without contacts, as shares of the limits (m,).
     """
     count, one = generators.shape[1], np.ones((len(torque), 1))
     lacking = generators.mean(axis=1)

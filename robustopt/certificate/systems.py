@@ -1,8 +1,8 @@
 """Contact systems: held bodies and contacts whose forces must be found together.
 
-The held bodies are the objects and, with environment contacts, the floating base. An object whose wrench reaches the
-carrier through one support or one hold is a system by itself, with all that it carries as part of it. A bridge, its
-supports and all that shares them are one system. The base is a system in every stance.
+The held bodies are the objects and, with environment contacts, the floating base. If the wrench of an object reaches
+the carrier through one support or one hold, the object and all that it carries form a system of their own. A bridge,
+its supports and all objects that share them are one system. The base is a system in every stance.
 """
 
 from __future__ import annotations
@@ -20,12 +20,17 @@ from robustopt.limits.names import LimitName
 from robustopt.scene.patches import Law, Patch
 
 FLAT = 1e-12
-"""Coordinates of contact points below this are rounding errors, in units of the system's length."""
+"""Coordinates of contact points smaller than this are rounding errors, in units of the system's length."""
 
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """Bodies whose wrenches, about the origin of their frame, enter a system by a matrix (rows, 6)."""
+    """Bodies whose wrenches enter a system through the same matrix.
+
+    Attributes:
+        bodies: indices of the bodies.
+        matrix: rows of the system per wrench about the origin of the bodies' frame (rows, 6).
+    """
 
     bodies: tuple[int, ...]
     matrix: Array
@@ -33,9 +38,11 @@ class Load:
 
 @dataclass(frozen=True, eq=False)
 class Pressure:
-    """Prescribed pressure of a hold: of the lips of a part, or the two pads of a gripper, the driven one first.
+    """Place of a hold with prescribed pressure: the cups of a part, or the two pads of a gripper, the driven one first.
 
-    centre: (3,), system units; axes: (3, 3) as columns, the driven normal last
+    Attributes:
+        centre: centre of the hold, in system units (3,).
+        axes: axes as columns, the driven normal last (3, 3).
     """
 
     centre: Array
@@ -46,21 +53,24 @@ class Pressure:
 class System:
     """Held bodies whose contact forces must be found together.
 
-    Rows are those of `contact_points`: wrenches of the blocks in the axes of the system about its reference, in units
-    of its length and force, then closing forces.
+    Rows are as in `contact_points`: wrenches of the blocks in the axes of the system about its reference, in its units
+    of length and force, then closing forces.
 
-    name: of the limit
-    contacts: indices of its contacts, one per face
-    faces: of its contact points
-    friction, points: indices of the contact and of the displacement of each of its points, (n,)
-    point: (3, n) contact points without displacement; turn: (3, 2, n) their change per displacement
-    loads: what its bodies require
-    pull: (rows, I + 1) required rows per vacuum, closing or internal force
-    inside: (rows,) see `contact_points.inner_direction`
-    held: whether cups or pads, and nothing else, hold its block
-    hold: the pressure of the hold that all its faces are, None for supports and free pressure
-    at: indices of the instants at which the floating base is its block, None if it is not
-    polygon: factor of friction, see `twist.Hold`
+    Attributes:
+        name: name of the limit.
+        contacts: index of the contact of each face.
+        faces: faces of the contact points.
+        friction: index of the contact of each contact point (n,).
+        points: index of the displacement of each contact point (n,).
+        point: contact points without displacement (3, n).
+        turn: change of the contact points per displacement (3, 2, n).
+        loads: required wrenches of the bodies.
+        pull: required rows per vacuum, closing or internal force (rows, I + 1).
+        inside: see `contact_points.inner_direction` (rows,).
+        held: whether the block is held only by cups or pads.
+        hold: prescribed pressure of the hold that all faces form; None for supports and for free pressure.
+        at: indices of the instants at which the floating base is the block; None if it is not.
+        polygon: factor of friction, see `twist.Hold`.
     """
 
     name: LimitName
@@ -85,18 +95,18 @@ class System:
 
     @property
     def known(self) -> bool:
-        """Return whether a single hold or support holds a single block, so that its wrench is known."""
+        """Return whether a single hold or support carries a single block, so that its wrench is known."""
         return len(self.faces) == 1 or self.held
 
     def contact_points(self, friction: Array, shift: Array) -> Contacts:
-        """Return the contacts for T values of the friction (I, T) and of displacements (2, Q, T) [m]."""
+        """Return the contacts for T sets of frictions (I, T) and displacements (2, Q, T) [m]."""
         point, own = self.point[..., None], shift[:, self.points]
         if np.any(own):
             point = point + np.einsum("ijq,jqt->iqt", self.turn, own)
         return Contacts(self.faces, point, friction[self.friction], self.inside)
 
     def hold_of(self, contacts: Contacts) -> Hold:
-        """Return its hold for the values of its contacts."""
+        """Return the hold for the values of the contacts."""
         own = self.hold
         assert own is not None
         away = contacts.point - own.centre.reshape(3, *[1] * (contacts.point.ndim - 1))
@@ -107,11 +117,11 @@ class System:
 
 
 def wrench_map(axes: Array, reference: Array, force: float = 1.0, length: float = 1.0) -> Array:
-    """Return the matrix (6, 6) that takes a wrench to other axes, another reference and units.
+    """Return the matrix (6, 6) from a wrench to the same wrench in other axes, about another reference, in other units.
 
     Args:
-        axes: (3, 3) the new axes as columns.
-        reference: (3,) the new reference.
+        axes: the new axes as columns (3, 3).
+        reference: the new reference (3,).
         force: the new unit of force.
         length: the new unit of length.
     """
@@ -126,8 +136,13 @@ def wrench_map(axes: Array, reference: Array, force: float = 1.0, length: float 
 class Placed:
     """A patch in a system.
 
-    contact: index of its contact; first: index of its first displacement; above, below: blocks, -1 for the ground
-    friction: largest coefficient of friction
+    Attributes:
+        patch: the patch.
+        contact: index of the contact.
+        first: index of the first displacement.
+        above: block above the patch.
+        below: block below the patch; -1 for the ground.
+        friction: largest coefficient of friction.
     """
 
     patch: Patch
@@ -140,7 +155,14 @@ class Placed:
 
 @dataclass(frozen=True, eq=False)
 class Scale:
-    """Axes (3, 3), as columns, and reference (3,) of a system in the frame of its bodies, and its units."""
+    """Axes, reference and units of a system, relative to the frame of its bodies.
+
+    Attributes:
+        axes: axes as columns (3, 3).
+        reference: reference of the wrenches (3,) [m].
+        force: unit of force [N].
+        length: unit of length [m].
+    """
 
     axes: Array
     reference: Array
@@ -149,11 +171,11 @@ class Scale:
 
     @property
     def unit(self) -> Array:
-        """Return the matrix (6, 6) that takes a wrench about the origin of the frame to the system."""
+        """Return the matrix (6, 6) from a wrench about the origin of the frame to one of the system."""
         return wrench_map(self.axes, self.reference, self.force, self.length)
 
     def place(self, position: Array) -> Array:
-        """Return a position (..., 3) in the system."""
+        """Return a position (..., 3) in the coordinates of the system."""
         return np.asarray((position - self.reference) @ self.axes / self.length)
 
     def points(self, patch: Patch) -> tuple[Array, Array]:
@@ -165,7 +187,7 @@ class Scale:
         return point, np.repeat(turn[:, :, None], point.shape[1], axis=2)
 
     def axes_of(self, patch: Patch) -> Array | None:
-        """Return the axes of a patch in the system, None if its normal is the z axis."""
+        """Return the axes of a patch in the system; None if its normal is the z axis."""
         turned = self.axes.T @ patch.axes
         return None if np.allclose(turned[:, 2], [0.0, 0.0, 1.0], rtol=0.0, atol=FLAT) else turned
 
@@ -173,13 +195,14 @@ class Scale:
 def scale_of(placed: Sequence[Placed], force: float, sole: float | None = None) -> Scale:
     """Return the scale of a system.
 
-    Its z axis is the normal of its patches, if they agree, else along all forces that they can exert.
+    Its z axis is the common normal of its patches. If the normals differ, it is a direction in which all forces of the
+    patches have a positive component.
 
     Args:
-        placed: its patches.
+        placed: the patches.
         force: unit of force [N].
-        sole: unit of length [m], with which the reference is the centre of all patches; without it the contact points
-            reach from -1 to 1.
+        sole: unit of length [m], with the centre of all patches as the reference; without it the contact points extend
+            from -1 to 1.
     """
     free = [item for item in placed if item.patch.law is not Law.DRIVEN_PAD]
     normals = [item.patch.axes[:, 2] for item in free]
@@ -208,14 +231,14 @@ def make_system(
     """Return a system.
 
     Args:
-        name: of the limit.
+        name: name of the limit.
         placed: its patches.
         blocks: indices of the bodies of each block.
-        fingers: index of the body of the driven finger by contact, if it has a mass.
+        fingers: by contact, index of the body of the driven finger, if it has a mass.
         scale: its axes and units.
         forces: number of vacuum, closing and internal forces.
         polygon: factor of friction, see `twist.Hold`.
-        at: instants at which the floating base is its block, None if it is not.
+        at: indices of the instants at which the floating base is the block; None if it is not.
     """
     faces = _faces(placed, scale)
     rows = 6 * len(blocks) + sum(face.closing >= 0 for face in faces)
@@ -263,7 +286,7 @@ def _faces(placed: Sequence[Placed], scale: Scale) -> tuple[Face, ...]:
 
 
 def _hold(placed: Sequence[Placed], scale: Scale) -> Pressure | None:
-    """Return the hold that all patches of a system are, if its pressure is prescribed."""
+    """Return the hold that all patches of a system form, if its pressure is prescribed."""
     if not placed[0].patch.fixed:
         return None
     centre = np.mean([scale.place(item.patch.origin) for item in placed], axis=0)

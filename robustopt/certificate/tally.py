@@ -1,4 +1,4 @@
-"""Worst utilisation of each named limit so far, on the grid and between grid points."""
+"""The worst utilisation of each limit so far, at grid points and between them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,14 @@ from robustopt.limits.names import LimitName
 
 @dataclass(frozen=True)
 class Found:
-    """A utilisation, 1 at the limit, the instant it was found at, and the parameters in the configuration's words."""
+    """A utilisation of a limit.
+
+    Attributes:
+        utilisation: used share of the limit; 1 at the limit.
+        instant: index of the instant.
+        limit: name of the limit.
+        parameters: the parameters by their names in the configuration.
+    """
 
     utilisation: float
     instant: int
@@ -23,24 +30,30 @@ class Found:
 
 @dataclass
 class Tally:
-    """Collection of the worst of every limit; `grid` (T,) is True at instants that are grid points."""
+    """Collection of the worst utilisation of every limit.
+
+    Attributes:
+        grid: True at instants that are grid points (T,).
+        worst: worst utilisation by name of the limit and whether it is at a grid point.
+        tests: number of utilisations that were computed or bounded.
+    """
 
     grid: Flags
     worst: dict[tuple[LimitName, bool], Found] = field(default_factory=dict)
     tests: int = 0
 
     def exceeds(self, limit: LimitName, utilisation: float, instant: int) -> bool:
-        """Return whether a utilisation is the worst of a limit so far, at grid points or between them."""
+        """Return whether a utilisation of a limit is the worst so far, on the grid or between grid points."""
         known = self.worst.get((limit, bool(self.grid[instant])))
         return known is None or utilisation > known.utilisation
 
     def add(self, key: LimitName, found: Found) -> None:
-        """Keep a utilisation of the limit `key` if it is the worst of its kind so far."""
+        """Keep a utilisation of the limit `key` if it is the worst so far, on the grid or between."""
         if self.exceeds(key, found.utilisation, found.instant):
             self.worst[key, bool(self.grid[found.instant])] = found
 
     def peaks(self, utilisation: Array, at: Indices) -> list[int]:
-        """Return the indices of the largest values (k,), at instants `at`, on the grid and between grid points."""
+        """Return the indices of the largest of values (k,) at instants `at`, one on the grid and one between."""
         grid = self.grid[at]
         kinds = (np.flatnonzero(grid), np.flatnonzero(~grid))
         return [int(kind[np.argmax(utilisation[kind])]) for kind in kinds if len(kind)]

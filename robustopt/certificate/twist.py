@@ -1,17 +1,18 @@
-"""Twist of a hold whose pressure is prescribed: how much of it friction resists.
+"""Twist of a hold with prescribed pressure: the largest moment about the normal that friction resists.
 
-The normal forces N_i at the contact points p_i of a lip or of two pads are not free where the load twists the hold.
-They follow from the hold's wrench: of a lip those of an elastic one (least squares, also below 0), of two pads equal
-ones on each. Friction then balances the twist (f_x, f_y, m_z) about the centre of the hold if
+If the load twists a hold, the normal forces N_i at the contact points p_i of its lips or of its two pads are not free.
+They follow from the wrench of the hold: for lips as elastic normal forces (least squares, which may be below 0), for
+pads as equal normal forces on each pad. Friction then balances the twist (f_x, f_y, m_z) about the centre of the hold
+if
 
-    slack(y) = sum_i mu_i N_i |y_xy + y_z (-p_iy, p_ix)| - y (f_x, f_y, m_z) >= 0  for all y in R^3,
+    slack(y) = sum_i mu_i N_i |y_xy + y_z (-p_iy, p_ix)| - y (f_x, f_y, m_z) >= 0  for all y in R^3.
 
-y the rate of a rotation about some point, or of a translation. The slack is linear in the hold's *effort* e: its
-wrench about the centre, patch axes, and the closing force behind it, (7,). So the efforts that are possible form a
-convex cone, and each y with a slack below 0 is a cut that keeps the wrench at hand out of it.
+Here y is the rate of a rotation about some point, or of a translation. The slack is linear in the *effort* e of the
+hold: its wrench about the centre, in patch axes, followed by the closing force (7,). So the possible efforts form a
+convex cone, and each y with a negative slack is a cut that excludes the wrench at hand.
 
-Pressure below 0 takes from the others. It counts with the friction polygon that the planner has, so that no plan fails
-for the difference between a polygon and its circle.
+Negative normal forces reduce the slack. They count with the friction polygon of the planner, so that no plan fails only
+because of the difference between a polygon and its circle.
 """
 
 from __future__ import annotations
@@ -24,37 +25,41 @@ from robustopt.arrays import Array, Flags, Indices
 from robustopt.certificate.contact_points import Contacts, Face, spread_holds
 
 DIRECTIONS = 160
-"""Rates of motion that are looked at before the search: a quarter of a radian from one to the next."""
+"""Number of rates of motion that are evaluated before the search; neighbours are a quarter of a radian apart."""
 
 STEPS = (0.2, 0.2, 0.1, 0.1, 0.05, 0.05, 0.02, 0.02, 0.008, 0.003, 0.001)
-"""The search steps this far to all sides: first over the distance of two directions. In 99.7 % of random twists the
-ratio then is right to 1e-6, in all to 1e-5."""
+"""Lengths of the search's steps to all sides; the first ones cover the distance between two directions. The ratio is
+then right to 1e-6 in 99.7 % of random twists, and to 1e-5 in all of them.
+"""
 
 FARTHEST = 3.0
-"""The top of a parabola is believed up to this many steps away."""
+"""Largest distance, in steps, at which the top of a parabola is used."""
 
 SIDES = 8
 
 CLEAR = 0.8
-"""Share of the gauge of interest below which a hold is left alone after a look at all directions."""
+"""Share of the gauge of interest below which a hold is not searched further after all directions have been
+evaluated.
+"""
 
 CHUNK = 1024
-"""Programs that are looked at together, see `force_closure.CHUNK`."""
+"""Number of programs that are solved together, see `force_closure.CHUNK`."""
 
 PLANE = [0, 1, 5]
-"""Places of the twist in an effort."""
+"""Indices of the twist in an effort."""
 
 
 @dataclass(frozen=True, eq=False)
 class Hold:
-    """A lip, or the two pads of a gripper, with prescribed pressure; T programs, or 1 for all.
+    """One or several lips, or the two pads of a gripper, with prescribed pressure, in T programs (or 1 for all).
 
-    faces: its faces, the driven one first
-    plane: (2, k, T) its contact points in the plane of the hold, about its centre
-    mu: (k, T) coefficients of friction
-    pressure: (k, 7, T) normal forces per effort
-    turn: (6, 6) from a wrench on its block to that about its centre, patch axes
-    polygon: factor of the friction that pressure below 0 takes away
+    Attributes:
+        faces: its faces, the driven one first.
+        plane: contact points in the plane of the hold, about its centre (2, k, T).
+        mu: coefficients of friction (k, T).
+        pressure: normal forces per effort (k, 7, T).
+        turn: matrix from a wrench on its block to the wrench about its centre, in patch axes (6, 6).
+        polygon: factor on friction at points with a negative normal force.
     """
 
     faces: tuple[Face, ...]
@@ -79,7 +84,7 @@ class Hold:
         return np.concatenate([np.tensordot(self.turn, wrench, axes=1), closing[None]])
 
     def rows(self, contacts: Contacts, cut: Array) -> Array:
-        """Return a cut (7, T) per row, (rows, T)."""
+        """Return a cut of the effort (7, T) as a cut of the rows, (rows, T)."""
         face = self.faces[0]
         out = np.zeros((contacts.rows, cut.shape[-1]))
         out[6 * face.above : 6 * face.above + 6] = self.turn.T @ cut[:6]
@@ -92,7 +97,7 @@ class Hold:
         return np.einsum("ke...,e...->k...", self.pressure, effort)
 
     def strength(self, effort: Array) -> Array:
-        """Return the friction (k, T) per normal force, for the signs that these have with efforts (7, T)."""
+        """Return the friction (k, T) per normal force, for the signs of the normal forces of efforts (7, T)."""
         return np.asarray(self.mu * np.where(self.normals(effort) < 0.0, self.polygon, 1.0))
 
     def speeds(self, y: Array) -> Array:
@@ -101,7 +106,7 @@ class Hold:
         return np.hypot(y[0] - y[2] * py, y[1] + y[2] * px)
 
     def cut(self, y: Array, strength: Array) -> Array:
-        """Return the slack per effort, (7, T), of rates y (3, T)."""
+        """Return the derivative of the slack with respect to the effort, (7, T), for rates y (3, T)."""
         weights = strength * self.speeds(y[:, None])[:, 0]
         out = np.einsum("ket,kt->et", self.pressure, weights)
         out[PLANE] -= y
@@ -109,7 +114,7 @@ class Hold:
 
 
 def lip_pressure(plane: Array) -> Array:
-    """Return the elastic normal forces per effort, (k, 7, ...), of a lip with points (2, k, ...): B^T (B B^T)^-1."""
+    """Return the elastic normal forces per effort, (k, 7, ...), of lips with points (2, k, ...): B^T (B B^T)^-1."""
     x, y = plane
     rows = np.moveaxis(np.stack([np.ones_like(x), y, -x]), (0, 1), (-2, -1))
     spread = np.linalg.solve(rows @ np.swapaxes(rows, -1, -2), rows)
@@ -119,9 +124,10 @@ def lip_pressure(plane: Array) -> Array:
 
 
 def pad_pressure(driven: int, fixed: int) -> Array:
-    """Return the normal forces per effort, (k, 7, 1), of two pads with so many points, those of the driven one first.
+    """Return the normal forces per effort, (k, 7, 1), of two pads with the given numbers of points.
 
-    The driven pad has the closing force. The fixed one has this less the part of the wrench along the driven normal.
+    The points of the driven pad come first. Its normal forces sum to the closing force. Those of the fixed pad sum to
+    the closing force less the component of the wrench along the driven normal.
     """
     out = np.zeros((driven + fixed, 7, 1))
     out[:driven, 6] = 1.0 / driven
@@ -130,15 +136,15 @@ def pad_pressure(driven: int, fixed: int) -> Array:
 
 
 def twist_gauge(hold: Hold, rest: Array, move: Array, good_enough: Array | float = -np.inf) -> tuple[Array, Array]:
-    """Return the smallest g (T,) at which the slack of g rest + move is nowhere below 0, and the y (3, T) it is 0 for.
+    """Return the smallest g (T,) for which g rest + move has no negative slack, and the y (3, T) with zero slack.
 
-    g is infinite if the slack of `rest` is. Gauges below `CLEAR` times the one that is good enough are rough.
+    g is infinite if `rest` has a negative slack. Gauges below `CLEAR` times `good_enough` are approximate.
 
     Args:
         hold: the hold in T programs.
-        rest: effort (7, T) seen from here.
-        move: effort (7, T).
-        good_enough: (T,) gauge of interest.
+        rest: reference, an effort (7, T).
+        move: effort that the motion adds (7, T).
+        good_enough: gauge of interest (T,).
     """
     enough = np.broadcast_to(np.asarray(good_enough, dtype=float), rest.shape[-1:])
     value, y = np.empty(rest.shape[-1]), np.empty((3, rest.shape[-1]))
@@ -161,7 +167,7 @@ def _chunk_gauge(hold: Hold, rest: Array, move: Array, enough: Array) -> tuple[A
 
 
 def _best(hold: Hold, normals: Array, twists: Array, y: Array) -> tuple[Array, Array]:
-    """Return the largest ratio (T,) over rates y (3, D, T) and its rate (3, T)."""
+    """Return the largest ratio (T,) over rates y (3, D, T), and the rate at which it occurs (3, T)."""
     value = _ratio(hold.speeds(y), normals, twists, y)
     best = np.argmax(value, axis=0)[None]
     rates = np.take_along_axis(np.broadcast_to(y, (3, *value.shape)), best[None], axis=1)[:, 0]
@@ -169,7 +175,7 @@ def _best(hold: Hold, normals: Array, twists: Array, y: Array) -> tuple[Array, A
 
 
 def _climb(hold: Hold, normals: Array, twists: Array, y: Array, worst: Array) -> tuple[Array, Array]:
-    """Return the largest ratio near rates y (3, T), and its rate, by eight sides and the top of a parabola there."""
+    """Return the largest ratio near rates y (3, T), and its rate, from eight neighbours and the top of a parabola."""
     angle = 2.0 * np.pi * np.arange(SIDES) / SIDES
     side = np.stack([np.cos(angle), np.sin(angle)])[:, :, None]
     for step in STEPS:
@@ -192,7 +198,7 @@ def _climb(hold: Hold, normals: Array, twists: Array, y: Array, worst: Array) ->
 
 
 def _top(rise: Array, angle: Array) -> Array:
-    """Return the place (2, T) of the top of a parabola, in steps, from its rise to eight sides (8, T)."""
+    """Return the top (2, T) of a parabola, in steps, from the rise to eight neighbours (8, T)."""
     wave = [np.where(np.isfinite(rise), rise, 0.0) * part for part in (1.0, np.cos(angle), np.sin(angle))]
     total, along, across = (part.sum(axis=0) for part in wave)
     even = [(wave[0] * part).sum(axis=0) for part in (np.cos(2.0 * angle), np.sin(2.0 * angle))]
@@ -204,7 +210,7 @@ def _top(rise: Array, angle: Array) -> Array:
 
 
 def _ratio(speeds: Array, normals: Array, twists: Array, y: Array) -> Array:
-    """Return -slack(move) / slack(rest), (D, T), infinite where the slack of rest is not positive."""
+    """Return -slack(move) / slack(rest), (D, T); infinite unless the slack of rest is positive."""
     if speeds.shape[-1] == 1:
         resisted, used = (np.tensordot(a[..., 0], b, (0, 1)) for a, b in ((speeds, normals), (y, twists)))
         rest, move = np.moveaxis(resisted - used, 1, 0)
@@ -215,7 +221,7 @@ def _ratio(speeds: Array, normals: Array, twists: Array, y: Array) -> Array:
 
 
 def _sphere() -> Array:
-    """Return rates (3, D, 1) of length 1, evenly over the sphere."""
+    """Return unit rates (3, D, 1), evenly distributed over the sphere."""
     k = np.arange(DIRECTIONS) + 0.5
     z, turn = 1.0 - 2.0 * k / DIRECTIONS, np.pi * (1.0 + np.sqrt(5.0)) * k
     across = np.sqrt(1.0 - z * z)
@@ -223,16 +229,16 @@ def _sphere() -> Array:
 
 
 def _about_points(plane: Array) -> Array:
-    """Return the rotations (3, 2 k, T) about the contact points (2, k, T), both ways: there the slack has a kink."""
+    """Return the rotations (3, 2 k, T) about the contact points (2, k, T), both ways; the slack has kinks there."""
     px, py = plane
     about = np.stack([py, -px, np.ones_like(px)])
     return np.concatenate([about, -about], axis=1)
 
 
 def spread_evenly(hold: Hold, effort: Array) -> Flags:
-    """Return whether a simple choice of friction at the prescribed pressure balances an effort (7, ...).
+    """Return whether explicit friction forces at the prescribed pressure balance an effort (7, ...).
 
-    See `spread_holds`: sufficient, not necessary, and only for pressure that is nowhere below 0.
+    As in `spread_holds`, this is sufficient, not necessary. It requires normal forces that are nowhere negative.
     """
     normals = hold.normals(effort)
     total = normals.sum(axis=0)

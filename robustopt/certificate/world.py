@@ -1,4 +1,4 @@
-"""All that a certificate looks at: bodies, contacts and contact systems, and the intervals of all uncertain values."""
+"""The model that a certificate checks: bodies, contacts, contact systems, and the intervals of all uncertain values."""
 
 from __future__ import annotations
 
@@ -22,25 +22,29 @@ from robustopt.scene.patches import Law, Patch, patches
 from robustopt.scene.placement import TRAY, standing_order, supports
 
 RIM_POINTS = 16
-"""A round face is the inscribed regular polygon of the smallest multiple of `contact.patch_points` with at least this
-many corners: it contains the planner's polygon and lies inside the true disc, with a radius that is 2 % short at most.
+"""Least number of corners of the inscribed regular polygon that represents a round face, a multiple of
+`contact.patch_points`. The polygon contains the planner's and lies inside the true disc; its radius is at most 2
+% short.
 """
 
 SOLE = 0.1
 """Unit of length of the force programs of the base [m]: about half a foot."""
 
 TWIST_EDGES = 16
-"""Edges of the coarsest friction polygon that the planner bounds a twist with, if none has fewer."""
+"""Number of edges of the coarsest friction polygon with which the planner bounds a twist, if none has fewer."""
 
 WEIGHT = 9.81
-"""Unit of their force per mass [m/s^2]."""
+"""Unit of force of these programs, per mass [m/s^2]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Contact:
-    """A contact with a friction of its own.
+    """A contact with its own coefficient of friction.
 
-    patch: its place, one of them if the contact of a foot has several; first, last: of its contact points
+    Attributes:
+        patch: its patch; one of them if a foot has several.
+        first: index of its first contact point.
+        last: index after its last contact point.
     """
 
     patch: Patch
@@ -49,7 +53,7 @@ class Contact:
 
     @property
     def name(self) -> str:
-        """Return its name among parameters: of the two bodies, or its own."""
+        """Return the name in messages: the names of two bodies, or the contact's own."""
         stands = self.patch.law is Law.FRICTION and self.patch.object
         return f"{self.patch.object} on {self.patch.support}" if stands else self.patch.name
 
@@ -58,8 +62,15 @@ class Contact:
 class World:
     """Bodies, contacts and systems, and the intervals of their parameters.
 
-    joints: names of all coordinates, `base` of them without motors; nominal, lower, upper: the configured values and
-    the ends of all intervals
+    Attributes:
+        bodies: the bodies.
+        contacts: the contacts.
+        systems: the contact systems.
+        joints: names of all coordinates.
+        base: number of coordinates of the floating base, which come first and have no motors.
+        nominal: the configured values.
+        lower: lower ends of all intervals.
+        upper: upper ends of all intervals.
     """
 
     bodies: tuple[Body, ...]
@@ -78,12 +89,12 @@ class World:
 
     @property
     def uncertain(self) -> bool:
-        """Return whether any interval has a width."""
+        """Return whether any interval has a width above zero."""
         ends = zip(self.lower.arrays(), self.upper.arrays(), strict=True)
         return any(bool(np.any(low < high)) for low, high in ends)
 
     def sample(self, rng: np.random.Generator, count: int, corners: bool) -> Parameters:
-        """Return `count` values of everything at once, uniform in the intervals, or each at an end of its interval."""
+        """Return `count` sets of random values, uniform in the intervals, or at their ends if `corners` is true."""
 
         def values(low: Array, high: Array) -> Array:
             share = rng.random((*low.shape, count))
@@ -93,7 +104,7 @@ class World:
         return Parameters(*map(values, self.lower.arrays(), self.upper.arrays()))
 
     def describe(self, values: Parameters, system: System | None) -> dict[str, dict[str, object]]:
-        """Return the uncertain values among some, and all friction of a system, in the configuration's words."""
+        """Return the uncertain values, and the frictions of a system, by their names in the configuration."""
         low, high = self.lower, self.upper
         own = sorted(system.contacts) if system is not None else range(len(self.contacts))
         words: dict[str, dict[str, object]] = {
@@ -131,7 +142,7 @@ def build_world(config: Config, robot: Robot, path: Path, stance: Indices) -> Wo
         config: the configuration.
         robot: the robot.
         path: the path.
-        stance: (T,) stance of each instant, see `motion.stances`.
+        stance: stance of each instant (T,), see `motion.stances`.
     """
     held = [*_patches(config), *hand_patches(config, robot.hands)]
     resting = [_resting(robot, name) for name in robot.contacts]
@@ -152,7 +163,7 @@ def build_world(config: Config, robot: Robot, path: Path, stance: Indices) -> Wo
 
 
 def _patches(config: Config) -> list[Patch]:
-    """Return the patches of the objects; round faces on which something stands have many corners."""
+    """Return the patches of the objects; round faces that carry something have many corners."""
     points = config.contact.patch_points
     fine = {"patch_points": points * -(-RIM_POINTS // points)}
     finer = config.model_copy(update={"contact": config.contact.model_copy(update=fine)})
@@ -171,7 +182,7 @@ def _resting(robot: Robot, name: str) -> Patch:
 
 
 def _groups(config: Config) -> list[tuple[str, ...]]:
-    """Return the objects of each system, every one after its supports."""
+    """Return the objects of each system, each object after its supports."""
     order = standing_order(config.objects)
     alone = {name for name in order if _rests_alone(config, name)}
     groups = [{name} for name in alone]
@@ -185,14 +196,14 @@ def _groups(config: Config) -> list[tuple[str, ...]]:
 
 
 def _rests_alone(config: Config, name: str) -> bool:
-    """Return whether an object has one support, and all that it carries rests on nothing else besides."""
+    """Return whether an object has one support, and everything that it carries rests on nothing else."""
     carried = _carried(config, {name})
     elsewhere = {below for other in carried - {name} for below in supports(config.objects[other])} - carried
     return len(supports(config.objects[name])) <= 1 and not elsewhere
 
 
 def _carried(config: Config, names: set[str], without: Sequence[str] = ()) -> set[str]:
-    """Return some objects and all that stands on them, directly or not, apart from some objects."""
+    """Return some objects and everything that stands on them, directly or not, except for the objects `without`."""
     found = set(names)
     for other in standing_order(config.objects):
         if other not in without and found & set(supports(config.objects[other])):
@@ -202,7 +213,15 @@ def _carried(config: Config, names: set[str], without: Sequence[str] = ()) -> se
 
 @dataclass(frozen=True, eq=False)
 class _Scene:
-    """Makes the systems of a configuration; friction: (I,) largest; fingers: their bodies by contact."""
+    """Factory of the systems of a configuration.
+
+    Attributes:
+        config: the configuration.
+        bodies: the bodies.
+        contacts: the contacts.
+        friction: largest coefficient of friction of each contact (I,).
+        fingers: by contact, index of the body of the driven finger.
+    """
 
     config: Config
     bodies: Sequence[Body]
@@ -211,7 +230,7 @@ class _Scene:
     fingers: Mapping[int, int]
 
     def objects(self, group: tuple[str, ...]) -> System:
-        """Return the system of a group of objects; what they carry outside the group counts as part of them."""
+        """Return the system of a group of objects; objects outside the group that they carry are part of them."""
         own = [(i, it.patch) for i, it in enumerate(self.contacts) if it.patch.object in group]
         placed = [self._placed(i, patch, group) for i, patch in own]
         riding = [_carried(self.config, {name}, group) for name in group]
@@ -223,9 +242,9 @@ class _Scene:
         return self._system(name, placed, blocks, force)
 
     def hands(self, robot: Robot) -> Iterator[System]:
-        """Yield the systems of the hands that hold a tray, each with its share of all that the tray carries.
+        """Yield the systems of the hands that hold a tray, each with its share of everything that the tray carries.
 
-        An internal force acts between the first two.
+        An internal force acts between the first two hands.
         """
         payload = tuple(b for b, body in enumerate(self.bodies) if body.frame == CARRIER and body.payload)
         pads = [i for i, contact in enumerate(self.contacts) if contact.patch.object == TRAY]
@@ -278,7 +297,7 @@ class _Scene:
 def _intervals(
     config: Config, robot: Robot, bodies: Sequence[Body], contacts: Sequence[Contact]
 ) -> tuple[Parameters, Parameters, Parameters]:
-    """Return the configured values, with the mean of the acceleration error, and the ends of all intervals."""
+    """Return the configured values, with the mean of the acceleration error, and both ends of all intervals."""
     given = config.uncertainty
     mass = np.array([body.mass for body in bodies])
     mass_ends = np.array([given.mass.get(body.name, (body.mass, body.mass)) for body in bodies]).reshape(-1, 2).T
@@ -303,7 +322,7 @@ def _intervals(
 
 
 def _force(config: Config, patch: Patch) -> tuple[float, float]:
-    """Return the ends of the vacuum or closing force at a contact [N], 0 at others."""
+    """Return both ends of the vacuum or closing force at a contact [N]; 0 at a contact without one."""
     if patch.law not in (Law.SUCTION, Law.DRIVEN_PAD):
         return 0.0, 0.0
     if patch.object == TRAY:
@@ -316,7 +335,7 @@ def _force(config: Config, patch: Patch) -> tuple[float, float]:
 
 
 def _error(config: Config, robot: Robot) -> tuple[Array, Array]:
-    """Return middle and half width (n,) of the acceleration error of all coordinates."""
+    """Return the middle and half the width (n,) of the acceleration error of each coordinate."""
     error, middle, radius = config.uncertainty.joint_acceleration, np.zeros(robot.n), np.zeros(robot.n)
     radius[: robot.base] = config.uncertainty.base_acceleration
     if error is not None:

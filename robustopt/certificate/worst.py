@@ -1,9 +1,9 @@
 """Utilisation of the contacts at the worst ends of all intervals.
 
-At the gauge gamma of a contact system, y (gamma rest + move) = 0 for the direction y of the limit that is nearest, and
-y w >= 0 for all rows w in the cone. Other parameters are worse if they make y (gamma rest + move) lower, or leave y
-deeper inside the dual cone: to first order each parameter goes to the end of its interval that the sign of its
-derivative says. From there the gauge and its y are found anew, a few times.
+At the gauge gamma of a contact system, the direction y of the nearest limit satisfies y (gamma rest + move) = 0, and y
+w >= 0 for all rows w in the cone. Other parameters are worse if they make y (gamma rest + move) lower, or if y lies
+deeper inside their dual cone. To first order, the sign of its derivative sends each parameter to one end of its
+interval. The gauge and its y are computed again for these ends, a few times.
 """
 
 from __future__ import annotations
@@ -26,30 +26,34 @@ from robustopt.certificate.world import World
 from robustopt.limits.names import LimitKind, LimitName
 
 MOST_WEIGHT = 2.0
-"""Gauge at which the search looks where the contact does not hold at all."""
+"""Gauge at which the search continues if no forces hold the contact."""
 
 SHARED = 3
-"""The worst parameters of this many instants are tried at all instants."""
+"""Number of instants whose worst parameters are tried at all instants."""
 
 PROMISING = 0.95
-"""Share of the worst utilisation so far from which a quick search goes on."""
+"""A quick search continues at instants whose utilisation is at least this share of the worst one so far."""
 
 NEWS = 1e-7
-"""How much worse than the worst so far a sample must be to be of interest: ten times the accuracy of the gauge."""
+"""A sample counts if its utilisation exceeds the worst one so far by this much: ten times the accuracy of the gauge."""
 
 SAME = 1e-3
-"""A limit counts as the cause if it alone explains the utilisation to this accuracy."""
+"""A limit counts as the cause if it alone gives the same utilisation, to this relative accuracy."""
 
 ENDLESS = 1e3
-"""Coefficient of friction with which nothing slides."""
+"""Coefficient of friction at which nothing slides."""
 
 
 @dataclass(frozen=True)
 class Thoroughness:
-    """How a search goes about it.
+    """Steps and accuracy of a search.
 
-    every: instants from one search to the next; rounds: steps of each; gap: accuracy of the gauge in them. What may be
-    the worst is then solved to full accuracy.
+    The gauges that may be the worst are afterwards computed to full accuracy.
+
+    Attributes:
+        every: step between the instants at which a search starts.
+        rounds: number of steps of each search.
+        gap: accuracy of the gauge during the search.
     """
 
     every: int
@@ -60,12 +64,16 @@ class Thoroughness:
 class Search:
     """Search for the worst values of a contact system at each of its instants.
 
-    index: (T,) the instants; grid: True at grid points; worst: T sets of the worst values found so far; upper, lower:
-    (T,) bracket of their gauge
+    Attributes:
+        index: the instants (T,).
+        grid: True at grid points (T,).
+        worst: worst values found so far, T sets.
+        upper: upper bound of their gauge (T,).
+        lower: lower bound of their gauge (T,).
     """
 
     def __init__(self, world: World, system: System, motion: Motion, gap: float, tally: Tally) -> None:
-        """Begin a search; `motion` is that of all instants, and `gap` the accuracy of the gauge."""
+        """Begin a search; `motion` covers all instants, and `gap` is the accuracy of the gauge."""
         self.world, self.system, self.gap, self.tally = world, system, gap, tally
         self.index = np.arange(len(motion.free)) if system.at is None else system.at
         self.motion = motion if system.at is None else motion.at(system.at)
@@ -74,10 +82,11 @@ class Search:
         self.upper, self.lower = np.full(len(self.index), -np.inf), np.full(len(self.index), -np.inf)
 
     def run(self, starts: Sequence[Parameters], how: Thoroughness) -> Indices:
-        """Search from each of `starts`, and return the instants at which this was done, (S,) among its own.
+        """Search from each of `starts`, and return the searched instants (S,), as indices among its own.
 
-        These are every `how.every`-th instant. All instants are then tried with the worst values of the nearest of
-        these. The worst of all are tried at all instants too; for systems without a quick test at the searched ones.
+        The search runs at every `how.every`-th instant. Then every instant is tried with the worst values of its
+        nearest searched instant. The worst values of all are tried at every instant as well, or only at the searched
+        ones if the system has no quick test.
         """
         everywhere, rounds = np.arange(len(self.index)), how.rounds if self.world.uncertain else 0
         chosen = everywhere[:: how.every]
@@ -94,23 +103,24 @@ class Search:
         return chosen
 
     def _refine(self) -> None:
-        """Solve what may be the worst of its kind to full accuracy, which all that follows has too."""
+        """Compute the gauges that may be the worst to full accuracy; later gauges have this accuracy too."""
         self.gap = GAP
         close = np.flatnonzero(self.upper >= self._level())
         solution = balance(self.world, self.system, self.motion.at(close), self.worst.at(close), GAP)
         self.upper[close], self.lower[close] = solution.value, solution.lower
 
     def sample(self, index: Indices, there: Motion, values: Parameters, loads: Sequence[Load]) -> None:
-        """Try many sets of values at its instants `index`, after `run`; motion and loads are those there."""
+        """Try many sets of values at its instants `index`, after `run`, with the motion and the loads there."""
         level = np.maximum(self._level()[index], 0.0)
         doubtful = self._doubtful(index, there, values, loads, level + NEWS)
         if len(doubtful):
             self._try(index[doubtful], values.at(doubtful), level[doubtful])
 
     def follow(self, index: Indices, values: Parameters, rounds: int, cull: bool = False) -> None:
-        """Try `values` at the instants `index`, and then `rounds` times the ends that look worse from there.
+        """Try `values` at the instants `index`, and then, `rounds` times, the ends of the intervals that look worse.
 
-        With `cull`, instants that are clearly better than the worst of their kind so far are left alone.
+        With `cull`, the search skips instants that are clearly better than the worst one so far, on the grid or
+        between.
         """
         for left in range(rounds, -1, -1):
             if cull:
@@ -131,7 +141,7 @@ class Search:
     def _doubtful(
         self, index: Indices, there: Motion, values: Parameters, loads: Sequence[Load], level: Array
     ) -> Indices:
-        """Return the places in `index` where no simple choice of forces shows a utilisation below the level."""
+        """Return the positions in `index` at which no explicit forces show a utilisation below the level."""
         rest, move = required(self.world, self.system, there, loads, values)
         level = np.maximum(level, 0.0)
         contacts = self.system.contact_points(values.friction, values.shift)
@@ -157,7 +167,7 @@ class Search:
         return np.where(self.grid, levels[0], levels[1])
 
     def report(self) -> None:
-        """Tell the tally the worst of each kind."""
+        """Add the worst utilisation at grid points and between them to the tally."""
         for kind in (self.grid, ~self.grid):
             if not kind.any():
                 continue
@@ -169,7 +179,7 @@ class Search:
 
 
 def _differ(first: Parameters, second: Parameters) -> Flags:
-    """Return whether two times T sets of values differ, (T,)."""
+    """Return whether two sets of values differ, for T pairs of sets, (T,)."""
     pairs = zip(first.arrays(), second.arrays(), strict=True)
     return np.asarray(np.any([(a != b).reshape(-1, a.shape[-1]).any(axis=0) for a, b in pairs], axis=0))
 
@@ -190,10 +200,10 @@ def worse_ends(world: World, system: System, motion: Motion, values: Parameters,
 
 
 def _worse_shift(world: World, system: System, values: Parameters, y: Array) -> Array:
-    """Return the displacement of each contact point that leaves y deepest inside the dual cone of the point, (2, n, T).
+    """Return the displacement of each contact point with which y lies deepest inside the point's dual cone, (2, n, T).
 
-    The point's cone asks v_z >= mu |v_t| of v = y_force + y_moment x p, z along its normal; the sign of the derivative
-    of the difference by p decides, along the axes of the support.
+    With v = y_force + y_moment x p, whose z is along the normal, the dual cone is v_z >= mu |v_t|. The sign of the
+    derivative of v_z - mu |v_t| with respect to p decides for each axis of the support.
     """
     contacts = system.contact_points(values.friction, values.shift)
     seen = contacts.seen(y)
@@ -215,7 +225,7 @@ def _worse_shift(world: World, system: System, values: Parameters, y: Array) -> 
 def limit_name(world: World, system: System, there: Motion, values: Parameters, utilisation: float) -> LimitName:
     """Return the name of the limit of a single support or hold at one instant: tipping, slip or twist.
 
-    Its utilisation is that without bounds on friction if it tips, and that without prescribed pressure if it slips.
+    It is tipping if the utilisation is the same with unlimited friction, and slip if it is the same with free pressure.
     """
     if not system.known or system.at is not None:
         return system.name

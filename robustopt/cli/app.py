@@ -34,7 +34,7 @@ from robustopt.processes import end_processes
 if TYPE_CHECKING:
     from robustopt.config import Config
 
-_INTERRUPTED = "interrupted; nothing half-written is left"
+_INTERRUPTED = "interrupted; no incomplete files are left"
 
 app = typer.Typer(
     rich_markup_mode=None,
@@ -103,7 +103,7 @@ def common(
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="print the version")
     ] = False,
 ) -> None:
-    """Read the options before the command."""
+    """Read the options that precede the command."""
 
 
 @app.command()
@@ -115,7 +115,7 @@ def plan(
     seed: Seed = None,
     certify: Annotated[
         Effort,
-        typer.Option(help="check the plan quickly, or fully (more samples, all corners)"),
+        typer.Option(help="check the plan quickly, or fully (more samples and instants)"),
     ] = Effort.quick,
     figures: Annotated[bool, typer.Option(help="draw the figures")] = True,
     dry_run: Annotated[
@@ -209,7 +209,7 @@ def learn(
 ) -> int:
     """Learn parameters from executions.
 
-    The learner ends with a plan that is safe and near-optimal. It can be interrupted and continued.
+    The learner searches for the fastest plan that succeeds. It can be interrupted and resumed.
     """
     path, changes = _task(arguments or [])
     changes += _changes(None, None, seed)
@@ -272,7 +272,7 @@ def report(
 
 
 def _changes(overrides: Sequence[str] | None, method: Method | None, seed: int | None) -> list[str]:
-    """Return overrides, with the options that are short for one at the end, so that these win."""
+    """Return the overrides, followed by the options that are short for one, so that the options win."""
     changes = list(overrides or [])
     if method is not None:
         changes.append(f"solver.method={method.value}")
@@ -290,7 +290,7 @@ def _task(arguments: Sequence[str]) -> tuple[Path | None, list[str]]:
 
 @contextmanager
 def _task_of(path: Path, overrides: Sequence[str]) -> Iterator[Config]:
-    """Yield the configuration in a file; errors of the block get the places of their keys in the file."""
+    """Yield the configuration in a file; errors within the block are given the positions of their keys in the file."""
     from robustopt.config.load import load_config, located
 
     config = load_config(path, overrides)
@@ -308,7 +308,7 @@ def _nothing_kept(code: int) -> bool:
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Run a command and return its exit code; a user's mistake becomes a message, never a traceback."""
+    """Run a command and return its exit code; a mistake of the user becomes a message, never a traceback."""
     json = "--json" in arguments
     try:
         code = app(list(arguments), prog_name="robustopt", standalone_mode=False) or 0
@@ -323,7 +323,7 @@ def run(arguments: Sequence[str]) -> int:
 
 
 def _told(error: Exception, json: bool) -> int:
-    """Print an error of the user or of the system and return its exit code; raise any other again."""
+    """Print an error of the user or of the system and return its exit code; raise any other error again."""
     if isinstance(error, RobustOptError):
         problems = [vars(problem) for problem in error.problems] if isinstance(error, ConfigError) else []
         return fail(type(error).__name__, str(error), error.exit_code, json, problems)
@@ -347,7 +347,7 @@ def _flush_output() -> None:
 def main() -> None:
     """Run the command `robustopt` and end this process with its exit code.
 
-    One thread for linear algebra: the matrices are small, and sums are then the same on every machine load.
+    Linear algebra uses one thread: the matrices are small, and sums then do not depend on the load of the machine.
     """
     ending = _Ending()
     atexit.register(ending.end_at_once)  # before all others, so that it is called after them
@@ -367,17 +367,17 @@ def main() -> None:
 
 
 def _stop_listening() -> None:
-    """Let a further signal end this process, without a word."""
+    """Let a further signal end this process silently."""
     for number in STOPS:
         if signal.getsignal(number) is on_interrupt:
             signal.signal(number, signal.SIG_DFL)
 
 
 class _Ending:
-    """The end of this process after the exit functions of all libraries.
+    """Fast end of this process, after the exit functions of all libraries.
 
-    Python would take down every module after them, which takes as long as a plan; and a library in which something was
-    interrupted may complain of it.
+    Python would otherwise unload every module, which takes as long as a plan, and a library that was interrupted might
+    print an error.
     """
 
     code: int | None = None

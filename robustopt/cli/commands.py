@@ -1,4 +1,4 @@
-"""Work of the commands once their options are read: compute, write a run folder, report the end, return the exit code.
+"""Work of the commands after their options are read: compute, write a run folder, report, return an exit code.
 
 Heavy packages are imported on first use.
 """
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 
 def check_task(config: Config, silent: bool) -> None:
-    """Build the problem of a task, and with it raise any error in its robot or its path."""
+    """Build the problem of a task, which raises any error in its robot or its path."""
     with status("building robot and path", silent):
         from robustopt.limits import build_problem
 
@@ -129,7 +129,7 @@ def execute_new(config: Config, out: Path | None, options: ExecutionOptions) -> 
 
 
 def execute_stored(folder: Path, changes: Sequence[str], out: Path | None, options: ExecutionOptions) -> int:
-    """Execute the plan of a stored run, into a new run folder; changes: `key=value` for keys."""
+    """Execute the plan of a stored run, into a new run folder; `changes` are overrides `key=value`."""
     from robustopt.runs.store import new_run, read_summary
 
     with new_run(read_summary(folder).name, out) as run:
@@ -175,7 +175,7 @@ class LearningOptions(NamedTuple):
 
 
 def learn_task(config: Config | None, out: Path | None, options: LearningOptions) -> int:
-    """Begin or continue a learner's run; config: None for the one that the run was begun with."""
+    """Begin or continue a learner's run; `config` is None for the configuration with which the run was begun."""
     from robustopt.runs.journal import SIMULATION
     from robustopt.runs.learning_run import begin, discard_if_empty, latest_unfinished, resumed
 
@@ -193,7 +193,7 @@ def learn_task(config: Config | None, out: Path | None, options: LearningOptions
 
 
 def _continue(config: Config, folder: Path, options: LearningOptions) -> int:
-    """Bring a run to its end, or show it if it is complete."""
+    """Finish a run, or show it if it is complete."""
     from robustopt.runs.store import is_run, read_summary
 
     if is_run(folder):

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from robustopt.runs.records import Summary
 
 Progress = Callable[[int, int, int], None]
-"""Called with the trials done, those asked for, and the successes so far."""
+"""Function that is called with the numbers of finished trials, of all trials, and of successes so far."""
 
 
 class Output(NamedTuple):
@@ -32,20 +32,20 @@ class Output(NamedTuple):
 
 
 def console(stderr: bool = False) -> Console:
-    """Return the terminal, or the stream in its place."""
+    """Return the console for standard output or standard error."""
     from rich.console import Console
 
     return Console(stderr=stderr, highlight=False)
 
 
 def status(text: str, silent: bool) -> AbstractContextManager[object]:
-    """Show a line about the step under way, if a person is watching."""
+    """Show a line about the current step, if the output is a terminal."""
     return nullcontext() if silent or not sys.stderr.isatty() else console(stderr=True).status(text)
 
 
 @contextmanager
 def trials_bar(silent: bool) -> Iterator[Progress | None]:
-    """Show a bar of the trials with the success so far, if a person is watching."""
+    """Show a progress bar of the trials with the success rate so far, if the output is a terminal."""
     if silent or not sys.stderr.isatty():
         yield None
         return
@@ -64,7 +64,7 @@ def trials_bar(silent: bool) -> Iterator[Progress | None]:
 
 @contextmanager
 def learning_table(silent: bool) -> Iterator[Callable[[Learned], None] | None]:
-    """Show the iterations so far and the one under way, if a person is watching."""
+    """Show the iterations so far and the current one, if the output is a terminal."""
     if silent or not sys.stderr.isatty():
         yield None
         return
@@ -104,7 +104,7 @@ def show(data: Summary, place: Path, output: Output) -> None:
 
 
 def ask(question: str) -> str:
-    """Ask a person; raise EOFError if nobody answers."""
+    """Ask a person a question; raise EOFError if nobody answers."""
     print(question, end="", file=sys.stderr, flush=True)
     answer = sys.stdin.readline()
     if not answer:
@@ -113,12 +113,12 @@ def ask(question: str) -> str:
 
 
 def say(text: str) -> None:
-    """Tell a person who is being asked."""
+    """Print a message to a person who answers questions."""
     print(text, file=sys.stderr, flush=True)
 
 
 def show_runs(records: Sequence[Listed], folder: Path) -> None:
-    """Print a table of runs, as wide as its folders, which are to be copied."""
+    """Print a table of runs, as wide as its longest folder name, so that the names can be copied."""
     if not records:
         print(f"no runs in {folder}")
         return

@@ -4,14 +4,15 @@ A sample is a margin over the unit cube that grows with every parameter, up to s
 
     m(theta) = (sum_j w_j theta_j^(r_j p))^(1/p) - c + h(theta),
 
-a power mean of warped parameters. For p far below 0 it is the minimum: every parameter must reach its own threshold.
-For p = 1 the parameters make up for each other. For large p it is the maximum. The bends, waves with random weights
-that are nearly a Gaussian process, stand for shapes outside this family. Neighbouring points share them, so many
-failures in one place do not count as independent evidence against the whole sample. An execution succeeds with
-probability Phi(m / sigma), up to `LAPSE` for outcomes that no margin explains, such as a success below a failure. In a
-world without noise sigma is a small remaining misfit; in a noisy world it is part of the sample.
+with a power mean of warped parameters. For p far below 0 it is the minimum: every parameter must reach its own
+threshold. For p = 1 the parameters compensate for one another. For large p it is the maximum. The bends are waves with
+random weights, nearly a Gaussian process, for shapes outside this family. Neighbouring points have nearly the same
+bend, so many failures in one place do not count as independent evidence against the whole sample. An execution succeeds
+with probability Phi(m / sigma), except for outcomes that no margin explains, such as a success below a failure; these
+have the probability `LAPSE`. In a world without noise sigma is a small remaining misfit; in a noisy world it is part of
+the sample.
 
-The samples come from a sequential Monte Carlo sampler. Each execution weights them by its likelihood; then moves that
+The samples come from a sequential Monte Carlo sampler. Each execution weights them by its likelihood. Then moves that
 preserve the posterior (Metropolis, with proposals from differences of samples and from the prior) spread them again.
 Every step has its own random stream, so the samples are a function of the executions alone.
 """
@@ -142,7 +143,7 @@ def _waves(points: Array) -> Array:
 
 
 def _power(z: Array) -> Array:
-    """Return p of a standard normal: 1 in the middle, the minimum and the maximum in its tails, never 0."""
+    """Return p for a standard normal z: 1 in the middle, towards the minimum and the maximum in the tails, never 0."""
     power = np.clip(1 - 4 * np.maximum(0.3 - z, 0) ** 1.5 + 2 * np.maximum(z - 0.3, 0), *POWERS)
     return np.where(np.abs(power) < 0.05, 0.05, power)
 
@@ -202,7 +203,7 @@ def _moved(before: Cloud, points: Array, outcomes: Flags) -> Cloud:
 
 
 def _differences(z: Array, random: np.random.Generator) -> tuple[Array, Array]:
-    """Propose steps along differences of other samples in some coordinates; return the change of the log prior too."""
+    """Propose steps along differences of other samples, in some coordinates; return the change of the log prior too."""
     one, other = z[random.permutation(len(z))], z[random.permutation(len(z))]
     scale = random.choice([0.3, 0.6, 1.0], size=(len(z), 1))
     some = random.random(z.shape) < 0.5

@@ -40,19 +40,20 @@ class BranchState(State):
 
 @dataclass(frozen=True, kw_only=True)
 class BranchAndBound(Learner[BranchState]):
-    """A learner of several parameters: knowledge, incumbent, lower bound and end; subclasses choose the points.
+    """A learner of several parameters: knowledge, incumbent, lower bound and end; subclasses choose the points to test.
 
-    A plan counts as a success if `executions_per_plan` executions in a row succeed, and as a failure at the first one
-    that fails. The incumbent is the cheapest success. The lower bound is the least f* over the region that no failure
-    rules out; it is attained at the corners of that region, where f* is evaluated exactly. The gap is
+    A plan counts as a success if `executions_per_plan` executions in a row succeed, and as a failure at the first
+    execution that fails. The incumbent is the cheapest success. The lower bound is the least f* over the region that no
+    failure rules out; it is attained at a corner of that region, and f* is evaluated exactly at all corners. The gap is
     incumbent / lower bound - 1.
 
     By condition 3 of the paper, b succeeds. So plans that cost more than b are never tested, and b is not executed at
     first. But an incumbent must have been executed: if nothing else has succeeded when the search ends, or when the
-    budget leaves one more test, b is tested. If b fails, condition 3 does not hold and no plan is known to succeed.
+    budget leaves only one more test, b is tested. If b fails, condition 3 does not hold and no plan is known to
+    succeed.
 
-    A plan is tested only if it is faster than the incumbent by half of `gap`: with less room between the tests and the
-    wanted bound, no number of failures would prove the bound.
+    A plan is tested only if it is faster than the incumbent by at least half of `gap`. Without this room between the
+    tests and the desired bound, no number of failures would prove the bound.
 
     The search ends when the gap is at most `gap`, when no undecided box has a side over `delta`, or when the budget
     leaves no further test. A point without a plan rules out all points that are more conservative, and counts as one
@@ -251,13 +252,13 @@ class BranchAndBound(Learner[BranchState]):
     # Boxes ------------------------------------------------------------------------------------------------
 
     def _widest(self, known: Knowledge, cut: float, along_diagonal: bool = False) -> Point | None:
-        """Return the point of the undecided box that is most worth a test; None without such a box.
+        """Return the most valuable point to test among those of the undecided boxes; None without such a box.
 
-        The search starts from the unit cube. Every box is contracted to its undecided part. It is dropped if its
-        optimistic corner costs `cut` or more by the interpolated f*, or if no side is over `delta`. It is split in 2^k
-        at its point if that point is already decided. The point is the middle of the box, or of the undecided part of
-        its diagonal as long as that part is more than `FRACTION` of it. The worth of a box is its volume times
-        log(cut / f* of its optimistic corner). A part is never worth more than the whole, so boxes of less worth than
+        The search starts from the unit cube. Every box is contracted to its undecided part. It is dropped if the
+        interpolated f* of its optimistic corner is at least `cut`, or if no side is over `delta`. The point of a box is
+        its middle, or the middle of the undecided part of its diagonal as long as that part exceeds `FRACTION` of the
+        diagonal. If the point is already decided, the box is split there in 2^k. The value of a box is its volume times
+        log(cut / f* of its optimistic corner). A part is never worth more than the whole, so boxes of less value than
         the best point found are skipped.
         """
         best, point = 0.0, None
@@ -280,7 +281,7 @@ class BranchAndBound(Learner[BranchState]):
         return point
 
     def _useful(self, known: Knowledge, cut: float, low: Array, high: Array) -> tuple[Array, Array, Array]:
-        """Return boxes (m, k), contracted and without the useless ones, and the worth of each, (m,)."""
+        """Return boxes (m, k), contracted and without useless ones, and the value of each, (m,)."""
         low, high = known.contract(low, high)
         size = high - low
         wide = np.all(size > 0, axis=1) & np.any(size > self.delta, axis=1)
@@ -326,7 +327,7 @@ def _split(low: Array, middle: Array, high: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, kw_only=True)
 class Midpoint(BranchAndBound):
-    """The baseline: the middle of the box that is most worth splitting is tested.
+    """The baseline, which tests the middle of the most valuable box.
 
     This is plain branch and bound, kept for comparison with `bnb-diagonal` and `bnb-informed`, which need fewer
     executions.
@@ -340,7 +341,7 @@ class Midpoint(BranchAndBound):
 
 @dataclass(frozen=True, kw_only=True)
 class Diagonal(BranchAndBound):
-    """Bisection along the diagonal of the box that is most worth splitting, up to the boundary of success."""
+    """Bisection along the diagonal of the most valuable box, up to the boundary of success."""
 
     name: ClassVar[str] = "bnb-diagonal"
 

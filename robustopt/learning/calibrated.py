@@ -38,20 +38,19 @@ class CalibratedState(State):
 class Calibrated(Learner[CalibratedState]):
     """A search over (mu, K) for the fastest plan with a success rate of at least p, by sequential tests.
 
-    There is one chain for each K, in which mu is bisected geometrically between its bounds. If there is no plan, or one
-    that is not faster than the best accepted plan by `resolution`, mu rises without an execution. A plan that its test
-    accepts becomes the best, and mu rises; any other plan lowers mu. The first chain has K = 0, that is, plans without
-    acceleration errors; its executions give U and Delta for the other chains. A chain bisects until its ends differ by
-    `resolution` in duration if friction alone binds, T ~ 1 / sqrt(mu). A first belief, such as the best one of ILROBS,
+    For each K one chain bisects mu geometrically between its bounds. If there is no plan, or one that is not faster
+    than the best accepted plan by `resolution`, mu rises without an execution. A plan that its test accepts becomes the
+    best, and mu rises; any other plan lowers mu. The first chain has K = 0, that is, plans without acceleration errors;
+    its executions give U and Delta for the other chains. A chain ends when the durations at its two ends differ by
+    `resolution`, assuming that friction alone binds, T ~ 1 / sqrt(mu). A first belief, such as the best one of ILROBS,
     may be tested before all chains: if it is accepted, the result is not slower.
 
     **Error.** At most M tests are made: (number of K) * (halvings of a chain), plus 1 for a first belief. Each has the
     level (1 - confidence) / M and executions of its own. Given all earlier outcomes, and so the choice of the plan, the
-    j-th test accepts a plan of a rate below p with probability at most its level (`SequentialTest`); so it does without
-    that condition too. By the union bound over j, the probability that *any* plan of a rate below p is ever accepted,
-    the best one among them, is at most 1 - confidence. This assumes that executions of one plan are independent with
-    one success rate. It assumes nothing else: neither monotone success nor correct U and Delta, which only help to find
-    a fast plan.
+    j-th test accepts a plan of a rate below p with probability at most its level (`SequentialTest`), hence also without
+    this condition. By the union bound over j, the probability that *any* plan of a rate below p is ever accepted is at
+    most 1 - confidence. This assumes that executions of one plan are independent with one success rate. It assumes
+    neither monotone success nor correct U and Delta, which only help to find a fast plan.
 
     Attributes:
         rate: success rate p.

@@ -17,7 +17,9 @@ MOST_NODES = 33
 """Largest number of nodes of one axis of the grid."""
 
 FALL = 0.005
-"""Largest relative fall of f* towards the conservative end: solvers leave 5e-5, and few wanted gaps are smaller."""
+"""Largest relative decrease of f* towards the conservative end that is accepted: solvers leave 5e-5, and few desired
+gaps are smaller.
+"""
 
 FLAT = 1e-4
 """Largest relative change of f* over a whole interval that counts as none: solvers leave 5e-5."""
@@ -85,12 +87,12 @@ class CostMap:
         return np.exp(total)
 
     def require_growth(self) -> None:
-        """Check that f*, at the nodes of the grid, depends on every parameter and never falls along one.
+        """Check that f*, at the nodes of the grid, depends on every parameter and never decreases along one.
 
         Nodes without a plan count as the largest durations.
 
         Raises:
-            ConfigError: f* falls along a parameter, or depends on other parameters alone.
+            ConfigError: f* decreases along a parameter, or does not depend on one.
         """
         self.guide(np.zeros((1, len(self._parameters))))
         nodes = self._nodes
@@ -109,9 +111,10 @@ class CostMap:
                 raise ConfigError(self._fall(axis, nodes, falls), key="learning.parameters")
 
     def _fall(self, axis: int, nodes: Array, falls: Array) -> str:
-        """Describe the largest fall of f* along an axis.
+        """Describe the largest decrease of f* along an axis.
 
-        `nodes` is log f* at the nodes, (n, ..., n); `falls` is the fall from the largest node before each, same shape.
+        `nodes` is log f* at the nodes, (n, ..., n); `falls` is the decrease from the largest node before each, same
+        shape.
         """
         parameter = self._parameters[axis]
         node = np.unravel_index(np.argmax(falls), nodes.shape)

@@ -18,7 +18,7 @@ class Earned:
         tests: number of plans that were tested one after the other.
         lower: lower bound of the rate at this confidence, for a plan that was tested alone.
         simultaneous: lower bound of the rate at this confidence, for the best of all tested plans.
-        earned: confidence in the rate in question.
+        earned: confidence that the rate is at least the rate in question.
         needed: successes in a row that would show the rate in question at the confidence in question.
     """
 
@@ -47,8 +47,9 @@ def earned(successes: int, rate: float, confidence: float = 0.95, tests: int = 1
     """Return the statements that follow from successes in a row.
 
     A plan of rate r passes n executions with probability r^n, so r >= (1 - confidence)^(1/n) unless an event of
-    probability 1 - confidence has happened. Among several tested plans, each with executions of its own, one of a lower
-    rate is more likely to pass; by the union bound, a level of (1 - confidence) / tests for each makes up for it.
+    probability 1 - confidence has happened. If several plans are tested, each with executions of its own, it is more
+    likely that one of a lower rate passes. By the union bound, a level of (1 - confidence) / tests for each compensates
+    for this.
 
     Args:
         successes: number n of executions, all of which succeeded.

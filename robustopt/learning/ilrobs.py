@@ -22,7 +22,7 @@ class IlrobsState(State):
         high: mu_upp, its upper end.
         error: interval from U and Delta of the latest executions.
         iteration: number of the current iteration, from 1.
-        returning: whether the answer is being planned.
+        returning: whether the current trial plans the answer of the algorithm.
     """
 
     low: float = 0.0
@@ -36,7 +36,7 @@ class IlrobsState(State):
 class Ilrobs(Learner[IlrobsState]):
     """Bisection on mu in which a plan must succeed N_e(K) times in a row (paper, Alg. 2).
 
-    Every plan survives the errors U -+ K Delta observed in the executions of the previous plan, up to its first
+    Every plan is robust to the errors U -+ K Delta observed in the executions of the previous plan, up to its first
     failure; at first U = Delta = 0. The first failure lowers mu_upp to mu; N_e(K) = ceil(1 / (1 - Phi(K))) successes
     raise mu_low to mu. The search ends when mu_upp - mu_low <= delta. The paper's answer (mu_low, U, Delta) was never
     executed as such: it is planned at the end, as the last row of the history, beside the best plan that was executed.

@@ -27,10 +27,10 @@ DOUBT = 0.03
 """Weight of the chance by distances, beside the chance by the model, which may be wrong."""
 
 PROBES = (0.5, 0.8)
-"""Smallest chance of meeting the rate for a plan to be executed in a noisy world, in turn."""
+"""Smallest chances of meeting the rate with which a plan is executed in a noisy world, in turn."""
 
 TRUST = 0.8
-"""Smallest chance of meeting the rate for a plan to be the incumbent in a noisy world."""
+"""Smallest chance of meeting the rate with which a plan is the incumbent in a noisy world."""
 
 PLAIN = 0.3
 """Weight of the chance by monotony alone, beside the chance by the model, in a noisy world."""
@@ -47,21 +47,21 @@ class Informed(BranchAndBound):
 
         value(c) = P(c) (U - f(c)) + max_d P(c and d) (f(c) - f(d))^+ + max_d P(not c, and d) (U - f(d)).
 
-    The samples of `boundary` give the joint chances. P(c) in the first term is mixed with the chance by distances to
-    the decided regions, so that a boundary unlike all samples is found too.
+    The samples of `boundary` give the joint chances. In the first term, P(c) is mixed with a chance that depends only
+    on the distances to the decided regions, so that a boundary unlike all samples is found too.
 
-    A boundary unlike all samples makes the model wrongly certain that nothing cheaper succeeds, so that it proposes
-    unlikely and distant points. Therefore, while at most one of the last `RECENT` executions succeeded, every second
-    point is chosen without the model (`_along_axes`).
+    If the boundary is unlike all samples, the model is wrongly certain that nothing cheaper succeeds and proposes
+    unlikely, distant points. Therefore, while at most one of the last `RECENT` executions succeeded, every second point
+    is chosen without the model (`_along_axes`).
 
     In one dimension every boundary is a threshold, and the middle of the undecided interval is tested.
 
-    **Noisy world** (`executions_per_plan` N over 1). Success means a rate of at least 1 - 1/N, about Phi(K) for
-    N = N_e(K). Every execution is a trial of its own and moves the posterior. The chance that a point meets the rate is
+    **Noisy world** (`executions_per_plan` N over 1). Success means a rate of at least 1 - 1/N, about Phi(K) for N =
+    N_e(K). Every execution is a trial of its own and updates the posterior. The chance that a point meets the rate is
     the chance by the model, mixed with `_chance_by_monotony`, which uses no model. The cheapest point with a chance of
-    at least `PROBES` is executed, whether it is new or not. The incumbent is the cheapest success with a chance of at
-    least `TRUST`, so it changes when later failures make it doubtful. A point is ruled out if its chance by the model
-    is under `SUSPICION`: the lower bound then holds by the model, not for certain.
+    at least one of `PROBES`, in turn, is executed, whether it is new or not. The incumbent is the cheapest success with
+    a chance of at least `TRUST`, so it changes when later failures make it doubtful. A point is ruled out if its chance
+    by the model is under `SUSPICION`: the lower bound is then as reliable as the model, not certain.
     """
 
     name: ClassVar[str] = "bnb-informed"
@@ -107,7 +107,7 @@ class Informed(BranchAndBound):
         return cloud(self.k, self.noisy, [point for point, _ in pairs], [success for _, success in pairs])
 
     def meets(self, model: Cloud, margin: Array) -> Flags:
-        """Return whether a margin means success, by every sample.
+        """Return whether each margin means success according to every sample.
 
         Args:
             model: the samples.
@@ -119,7 +119,7 @@ class Informed(BranchAndBound):
         return margin >= model.sigma * (NormalDist().inv_cdf(self.rate) if self.noisy else 0.0)
 
     def _chance(self, model: Cloud, points: Array) -> Array:
-        """Return the posterior chance that points (m, k) mean success, (m,)."""
+        """Return the posterior chance that tests of points (m, k) succeed, (m,)."""
         return np.mean(self.meets(model, model.margin(points)), axis=0)
 
     def _confidence(self, state: BranchState, model: Cloud, points: Array) -> Array:
@@ -267,10 +267,10 @@ def _chance_by_distance(known: Knowledge, points: Array) -> Array:
 
 
 def _chance_by_monotony(known: Knowledge, points: Array, rate: float) -> Array:
-    """Return the chance of meeting a rate by a beta posterior for each point, (m,); its prior has weight 2.
+    """Return the chance that points meet a rate by a beta posterior for each, (m,); its prior has weight 2.
 
     A success at a more optimistic point counts for a point, and a failure at a more conservative one against it: by
-    monotony, the chance of these outcomes is at most, or at least, its own.
+    monotony, success is at most as likely at the former, and at least as likely at the latter, as at the point itself.
     """
     for_it = np.all(known.successes[None] <= points[:, None], axis=2).sum(axis=1)
     against = np.all(known.failures[None] >= points[:, None], axis=2).sum(axis=1)

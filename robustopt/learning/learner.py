@@ -74,7 +74,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class Row:
-    """A finished trial and the knowledge of the learner after it; None for figures that the learner does not have.
+    """A finished trial and the knowledge of the learner after it; figures that the learner does not have are None.
 
     Attributes:
         iteration: number of the iteration, from 1. Attempts with smaller error intervals belong to the same iteration,
@@ -84,7 +84,7 @@ class Row:
         low: lower end of the interval of the coefficient of friction.
         high: upper end of the interval of the coefficient of friction.
         lower_bound: lower bound of the duration of any plan that succeeds [s].
-        gap: relative difference of the best plan to the lower bound.
+        gap: relative difference between the duration of the best plan and the lower bound.
         contradictions: number of pairs so far in which a less conservative plan succeeded and a more conservative one
             failed.
     """
@@ -146,7 +146,7 @@ S = TypeVar("S", bound=State)
 
 
 class Learner(ABC, Generic[S]):
-    """A learner: its fields are its settings; all that it has seen is in a state.
+    """A learner; its fields are its settings, and a state holds all that it has seen.
 
     A learner defines `initial`, `wanted`, `infeasible` and `executed`, and `planned` if it does not execute every plan.
 
@@ -178,7 +178,7 @@ class Learner(ABC, Generic[S]):
 
     @abstractmethod
     def infeasible(self, state: S, trial: Trial) -> S:
-        """Return the state after the discovery that there is no plan for the belief under test.
+        """Return the state after the news that there is no plan for the belief under test.
 
         Args:
             state: the state before.
@@ -194,7 +194,7 @@ class Learner(ABC, Generic[S]):
 
         Args:
             state: the state before.
-            trial: the trial, in which the execution is counted already.
+            trial: the trial, which already includes the execution.
 
         Returns:
             The state with this trial if it needs further executions, with the next one, or with an end.
@@ -281,7 +281,7 @@ class Learner(ABC, Generic[S]):
         return next((row for row in reversed(state.rows) if row.result is Result.SUCCESS), None)
 
     def returned(self, state: S) -> Row | None:
-        """Return the answer of the algorithm: the best plan, or a plan of its own that was not executed as such.
+        """Return the answer of the algorithm: the best plan, or a separate plan that was not executed as such.
 
         Args:
             state: the state.

@@ -65,13 +65,13 @@ class Moments:
 
 @dataclass(frozen=True)
 class ErrorInterval:
-    """Joint acceleration errors that a plan survives: share [U - K Delta, U + K Delta] (paper eq. 9 for share = 1).
+    """Joint acceleration errors that a plan is robust to: share [U - K Delta, U + K Delta] (paper eq. 9 for share = 1).
 
     Attributes:
         mean: U, (n,) [rad/s^2]; empty if no error is known, which stands for an error of 0.
         deviation: Delta, (n,) [rad/s^2]; empty like `mean`.
         K: number of standard deviations.
-        share: planned part of the interval, less than 1 if the whole interval leaves no plan.
+        share: planned part of the interval; less than 1 if there is no plan for the whole interval.
     """
 
     mean: Values = ()
@@ -130,15 +130,15 @@ def endpoint_change(old: ErrorInterval, new: ErrorInterval) -> float:
 
 
 SHARES = (1.0, 0.5, 0.25, 0.125, 0.0)
-"""Parts of an error interval that are planned for in turn, until there is a plan (our choice)."""
+"""Shares of an error interval that are planned for in turn, until there is a plan (our choice)."""
 
 
 def shrunk(interval: ErrorInterval | None) -> ErrorInterval | None:
     """Return an error interval with the next smaller share.
 
-    A learner calls it if a plan for the interval does not exist. Lower friction would only demand more, so the learner
-    halves the interval, down to the problem without errors, and lets executions decide whether the smaller interval is
-    enough (our choice; the paper does not treat this case).
+    A learner calls this function if there is no plan for the interval. Lower friction would only make the task harder,
+    so the learner halves the interval, down to the problem without errors, and lets executions decide whether the
+    smaller interval is enough (our choice; the paper does not treat this case).
 
     Args:
         interval: the interval that was planned for.

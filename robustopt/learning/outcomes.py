@@ -13,7 +13,7 @@ class Belief:
     """Nominal values to plan with, in place of those of the configuration; None keeps the configured value.
 
     Attributes:
-        friction: coefficient of friction of all interfaces.
+        friction: coefficient of friction of all contacts.
         error: interval of the joint acceleration error.
         parameters: other values by their keys in the configuration, such as ("contact.friction.upper", 0.31).
     """

@@ -1,4 +1,4 @@
-"""Sequential test of a success rate: it looks after every execution and stops as soon as it is certain enough."""
+"""Sequential test of a success rate, evaluated after every execution until the evidence suffices."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from robustopt.confidence import log_evidence
 
 
 class Verdict(Enum):
-    """The state of a test of a plan."""
+    """The verdict of a test of a plan."""
 
     ACCEPTED = "accepted"
     REJECTED = "rejected"
@@ -23,12 +23,12 @@ class SequentialTest:
     """A test of "the success rate is at least `rate`" that accepts wrongly with probability at most `level`.
 
     The test accepts when the evidence for a rate above `rate` reaches 1 / level. It rejects when the evidence for a
-    rate below `rate` reaches 1 / futility. It stays undecided as soon as it can no longer accept within `limit`
+    rate below `rate` reaches 1 / futility. It ends undecided as soon as it can no longer accept within `limit`
     executions.
 
     A plan with a rate of at most `rate` is ever accepted with probability at most `level` (see `log_evidence`); an
-    early end only lowers it. A plan with a rate of at least `rate` is rejected with probability at most `futility`,
-    which costs speed, not safety.
+    early end only lowers this probability. A plan with a rate of at least `rate` is rejected with probability at most
+    `futility`, which costs speed, not safety.
 
     Attributes:
         rate: success rate to be shown.

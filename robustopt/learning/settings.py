@@ -12,7 +12,7 @@ def require_friction(friction: tuple[float, float]) -> None:
         friction: the two ends.
 
     Raises:
-        ConfigError: it has not.
+        ConfigError: the ends violate this condition.
     """
     low, high = friction
     if not 0 <= low < high:
@@ -40,7 +40,7 @@ def require_level(**values: float) -> None:
         **values: the settings by their keys in the section `learning`.
 
     Raises:
-        ConfigError: one of them is not.
+        ConfigError: one of them is not between 0 and 1.
     """
     for key, value in values.items():
         if not 0 < value < 1:

@@ -1,7 +1,7 @@
 """Joint paths along a path of the carrier: branches of the inverse kinematics, followed, ranked and fitted by splines.
 
 A branch starts at one solution of the first pose and follows it by continuation. Among the branches that stay within
-the joint limits the best has the arm high ("elbow up") and far from its limits (our choice).
+the joint limits, the best one holds the arm high ("elbow up") and far from its limits (our choice).
 """
 
 from __future__ import annotations
@@ -19,14 +19,15 @@ from robustopt.path.pose_path import PosePath
 from robustopt.robot import Robot
 
 SPACING = 0.04
-"""Distance of the poses along which branches are followed [m of sigma]."""
+"""Distance between the poses along which branches are followed [m of sigma]."""
 FEWEST_SAMPLES = 12
 """Fewest intervals of a piece, however short."""
 LONGEST_STEP = 0.35
 """Longest joint step between poses that counts as following a branch [rad or m]; longer ones are halved."""
 FASTEST = 70.0
-"""Fastest change of a joint with sigma that counts as following a branch [rad/m]. Faster ones occur at a singularity or
-in a jump to another branch: a joint at 7 rad/s would let the carrier creep at 0.1 m/s."""
+"""Largest derivative of a joint with respect to sigma on a branch [rad/m]. Larger ones occur at a singularity or in
+a jump to another branch: a joint at 7 rad/s would move the carrier at only 0.1 m/s.
+"""
 MOST_SAMPLES = 4096
 """Most samples of one piece: a path that needs more passes next to a singularity."""
 SPLINE_DEGREE = 5
@@ -40,11 +41,11 @@ LIMIT_TOLERANCE = 1e-6
 MOST_BRANCHES = 16
 """Most branches that are followed: all of an arm of six joints."""
 CLEARANCE_WEIGHT = 0.2
-"""Height of the arm's centre of mass that outweighs being at a joint limit instead of mid-range [m]."""
+"""Height of the arm's centre of mass that counts as much as a joint in mid-range instead of at its limit [m]."""
 FOLLOWING_ITERATIONS = 8
-"""Iterations from one pose to the next: from so near, convergence is either quadratic or fails."""
+"""Iterations from one pose to the next: from so close, convergence is either quadratic or fails."""
 RETURN = 0.02
-"""Share by which a redundant arm drifts back to its first posture at every sample, so that it does not wander."""
+"""Share by which a redundant arm returns to its first posture at every sample, so that it does not drift."""
 
 
 class BranchLostError(Exception):
@@ -76,7 +77,7 @@ class Branch:
 
     @property
     def usable(self) -> bool:
-        """Return True if it is complete and within the joint limits."""
+        """Return whether the branch is complete and within the joint limits."""
         return self.ended_at is None and self.violation <= LIMIT_TOLERANCE
 
 
@@ -96,16 +97,16 @@ def samples(path: PosePath) -> Array:
 def follow_branches(robot: Robot, path: PosePath, start: Array | None) -> list[Branch]:
     """Follow the branches of the inverse kinematics along a path.
 
-    Branches that leave the joint limits already at the first pose are followed only if all do. A redundant arm has
-    endlessly many; the `MOST_BRANCHES` furthest inside the limits are followed.
+    Branches that violate a joint limit at the first pose are followed only if all of them do. A redundant arm has
+    infinitely many branches; the `MOST_BRANCHES` that are furthest inside the limits are followed.
 
     Args:
-        robot: the arm
-        path: path of its carrier
-        start: joint position (n,) near which the only branch starts, None for all branches
+        robot: the arm.
+        path: path of its carrier.
+        start: joint position near which the only branch starts (n,); None for all branches.
 
     Returns:
-        branches, best first; none if the first pose was not solved
+        The branches, best first; none if the first pose was not solved.
     """
     position, rotation = (value[0] for value in path.pose(np.zeros(1)))
     if start is not None:
@@ -184,7 +185,7 @@ def _deviation(robot: Robot, path: PosePath, sigma: Array, q: Array) -> tuple[Ar
 
 
 def _between(robot: Robot, path: PosePath, sigma: Array, q: Array, guess: Array) -> Array:
-    """Solve halfway between the samples `sigma` (S,), next to the `guess` (S-1, n) or following from `q` (S, n)."""
+    """Solve halfway between the samples `sigma` (S,), near the `guess` (S-1, n) or else starting from `q` (S, n)."""
     middle = (sigma[1:] + sigma[:-1]) / 2
     solutions = np.empty_like(guess)
     for i, (position, rotation) in enumerate(zip(*path.pose(middle), strict=True)):
@@ -206,7 +207,7 @@ def _interleave(outer: Array, inner: Array) -> Array:
 def _follow_in_small_steps(
     robot: Robot, path: PosePath, q: Array, sigma: float, target: float
 ) -> tuple[Array, float | None]:
-    """Follow the branch from `sigma` to `target`, halving steps as needed; return its end too, None if complete."""
+    """Follow the branch from `sigma` to `target`, halving steps as needed; return also its end, None if complete."""
     step = (target - sigma) / 2
     while target - sigma > 1e-12:
         step = min(step, target - sigma)
@@ -222,7 +223,7 @@ def _follow_in_small_steps(
 
 
 def _turned_into_limits(robot: Robot, q: Array) -> Array:
-    """Return the same motion with every hinge turned by full turns, so that its range fits its limits best."""
+    """Return the same motion with every hinge shifted by full turns, so that its range fits its limits best."""
     limited = robot.hinges & np.isfinite(robot.limits.lower) & np.isfinite(robot.limits.upper)
     middle = (np.where(limited, robot.limits.lower, 0.0) + np.where(limited, robot.limits.upper, 0.0)) / 2
     turns = np.round((middle - (q.min(axis=0) + q.max(axis=0)) / 2) / (2 * np.pi))

@@ -35,8 +35,8 @@ def build_path(config: Config, robot: Robot) -> Path:
         robot: the robot.
 
     Raises:
-        PathError: a pose or foothold is out of reach, a joint leaves its range, the inverse kinematics jumps, or bodies
-            collide.
+        PathError: a pose or foothold is out of reach, a joint leaves its range, the solution of the inverse kinematics
+            jumps, or bodies collide.
     """
     if config.path.steps is not None:
         return walking_path(config, robot)
@@ -60,7 +60,7 @@ def _joint_path(config: Config, robot: Robot) -> Path:
 
 
 def _branch_path(robot: Robot, poses: PosePath, branch: Branch, tolerance: PathTolerance) -> Path | str:
-    """Fit splines to a branch, or say in a sentence why that fails."""
+    """Fit splines to a branch; if that fails, return the reason as a sentence."""
     waypoints = poses.start / poses.length
     try:
         pieces = fit_branch(robot, poses, branch, tolerance)
@@ -73,13 +73,13 @@ def _first_sound(paths: Iterable[Path | str], config: Config, robot: Robot, key:
     """Return the first path that stays within the joint limits and does not collide.
 
     Args:
-        paths: candidates; a sentence stands for one that failed
-        config: configuration, which tells whether to check for collisions
-        robot: the robot
-        key: key that the error names
+        paths: candidates; a candidate that failed is a sentence.
+        config: the configuration, which says whether to check for collisions.
+        robot: the robot.
+        key: key of the configuration that the error names.
 
     Raises:
-        PathError: about the first candidate, if none is sound
+        PathError: no path is sound; the error describes the first candidate.
     """
     check = CollisionCheck(config, robot) if config.robot.collision.check else None
     objections = []
@@ -93,7 +93,7 @@ def _first_sound(paths: Iterable[Path | str], config: Config, robot: Robot, key:
 
 
 def _objection(path: Path, robot: Robot, check: CollisionCheck | None) -> str | None:
-    """Say in a sentence which joint leaves its limit furthest or which bodies collide first; None if all is well."""
+    """Describe the joint that exceeds its limit most, or the first two bodies that collide; None without either."""
     s = path.fine_grid()
     q = path(s)
     beyond = np.maximum(robot.limits.lower - q, q - robot.limits.upper).max(axis=1)
@@ -114,7 +114,7 @@ def _objection(path: Path, robot: Robot, check: CollisionCheck | None) -> str | 
 
 
 def _thinned(s: Array, q: Array) -> Array:
-    """Return points of the path so that no joint moves by more than `CHECK_STEP` from one to the next."""
+    """Return points of the path between which no joint moves by more than `CHECK_STEP`."""
     moved = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(q, axis=0)).max(axis=1))))
     wanted = np.linspace(0.0, moved[-1], int(np.ceil(moved[-1] / CHECK_STEP)) + 1)
     return np.asarray(np.interp(wanted, moved, s))

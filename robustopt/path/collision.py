@@ -1,8 +1,8 @@
 """Collisions of the robot, the tray and the objects along a path, found by MuJoCo.
 
-The tray and the objects are bodies fixed to the tool, at rest in the places that the configuration gives them. Pairs
-that are not checked: bodies that cannot move against each other, neighbours in the chain of links, and links that
-overlap in every posture, because their coarse shapes overlap by construction.
+The tray and the objects are bodies fixed to the tool, at rest in their configured places. Three kinds of pairs are not
+checked: bodies that cannot move relative to each other, neighbours in the chain of links, and links whose coarse shapes
+overlap in every posture.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Collision:
     """A collision in a sequence of postures.
 
     Attributes:
-        index: of the posture.
+        index: index of the posture.
         bodies: names of the two bodies.
         depth: overlap [m].
     """
@@ -56,7 +56,7 @@ class CollisionCheck:
         overlapping: pairs of links that overlap by construction and are not checked.
 
     Raises:
-        RobotError: if `robot.collision.exclude` names a body that does not exist
+        RobotError: `robot.collision.exclude` names a body that does not exist.
     """
 
     def __init__(self, config: Config, robot: Robot) -> None:
@@ -163,7 +163,7 @@ def _add_solid(body: mujoco.MjsBody, kind: mujoco.mjtGeom, size: Array) -> None:
 def _adjacent(model: mujoco.MjModel) -> set[tuple[int, int]]:
     """Return the pairs of neighbours in the chain of links; links that are fixed to each other count as one.
 
-    The tray and the objects are neighbours of nothing: they may well hit the last but one link.
+    The tray and the objects have no neighbours, because they can collide with the last but one link.
     """
     links = [i for i in range(model.nbody) if not str(model.body(i).name).startswith(PREFIX)]
     carrier = model.body_weldid[model.body_parentid[model.body_weldid]]
@@ -176,7 +176,7 @@ def _adjacent(model: mujoco.MjModel) -> set[tuple[int, int]]:
 
 
 def _carries(model: mujoco.MjModel, body: int, child: int) -> bool:
-    """Return True if `body` moves, or if it stands still and `child` hangs from it."""
+    """Return whether `body` moves, or stands still and is an ancestor of `child`."""
     ancestors = {0}
     while child:
         child = int(model.body_parentid[child])
@@ -191,13 +191,13 @@ def _shown(name: str) -> str:
 def first_touch(robot: Robot, q: Array, rail: RailConfig) -> Collision | None:
     """Find the first posture in which a body overlaps a rail.
 
-    The hand that rests on the rail and the body that the hand hangs from may touch it. Every geom counts, also one
-    that collides with nothing else.
+    The hand that rests on the rail and its parent body may touch it. Every geom counts, even one that collides with
+    nothing else.
 
     Args:
-        robot: walking robot with the hand of the rail
-        q: coordinates, (T, n)
-        rail: the rail
+        robot: walking robot whose hand rests on the rail.
+        q: coordinates (T, n).
+        rail: the rail.
     """
     spec, quaternion, (middle, axes, half) = robot.spec.copy(), np.zeros(4), rail_box(rail)
     mujoco.mju_mat2Quat(quaternion, axes.ravel())

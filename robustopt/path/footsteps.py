@@ -1,9 +1,9 @@
-"""Footsteps: places of the feet, phases of the path, and the way of the centre of mass.
+"""Footsteps: places of the feet, phases of the path, and path of the centre of mass.
 
 The path has 2 K + 1 phases for K steps, all of the same length in s: both feet, one foot, both feet, and so on. The
-swinging foot moves along a polynomial of fifth degree (x, y) and one of sixth degree (z), at rest at both ends. The
-centre of mass follows a cubic spline that passes inside the standing foot while the other one swings (our choice). A
-hand on a rail stays in its place along the whole path.
+swinging foot moves along polynomials of fifth degree (x, y) and sixth degree (z), at rest at both ends. The centre of
+mass follows a cubic spline that passes inside the standing foot while the other one swings (our choice). A hand on a
+rail stays in its place along the whole path.
 """
 
 from __future__ import annotations

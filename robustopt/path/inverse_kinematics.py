@@ -22,12 +22,20 @@ DAMPING = 0.1
 LONGEST_STEP = 0.5
 """Longest joint step of one iteration [rad or m]: the linearisation does not reach further."""
 SEEDS = 64
-"""Starts from which a pose is solved: an arm of 6 joints has up to 16 solutions, mostly 8, each found from a few."""
+"""Number of starts from which a pose is solved: an arm of 6 joints has up to 16 solutions, mostly 8, each found from
+a few starts.
+"""
 
 
 @dataclass(frozen=True)
 class Solution:
-    """A joint position `q` (n,) and the pose error that is left, `distance` [m] and `angle` [rad]."""
+    """A joint position, and the remaining error of the pose.
+
+    Attributes:
+        q: joint position (n,) [rad or m].
+        distance: error of the position [m].
+        angle: error of the orientation [rad].
+    """
 
     q: Array
     distance: float
@@ -35,7 +43,7 @@ class Solution:
 
     @property
     def converged(self) -> bool:
-        """Return True if the pose is reached."""
+        """Return whether the pose is reached."""
         return self.distance < ACCURACY and self.angle < ACCURACY
 
 
@@ -43,14 +51,14 @@ def solve_pose(robot: Robot, position: Array, rotation: Array, q: Array, iterati
     """Find a joint position that puts the carrier frame at a pose.
 
     Args:
-        robot: the arm
-        position: wanted, in the world, (3,) [m]
-        rotation: wanted, into the world, (3, 3)
-        q: joint position to start from, (n,)
-        iterations: largest number of steps
+        robot: the arm.
+        position: desired position in the world (3,) [m].
+        rotation: desired rotation into the world (3, 3).
+        q: joint position to start from (n,).
+        iterations: largest number of steps.
 
     Returns:
-        the position after the last step, whether or not it reaches the pose
+        The position after the last step, whether or not it reaches the pose.
     """
     q = np.array(q, dtype=float)
     for _ in range(iterations):
@@ -67,15 +75,15 @@ def solve_pose(robot: Robot, position: Array, rotation: Array, q: Array, iterati
 def solve_from_everywhere(robot: Robot, position: Array, rotation: Array) -> list[Solution]:
     """Solve for a pose from starts spread over the joint ranges.
 
-    The starts are a Halton sequence without scrambling: the same in every run.
+    The starts are a Halton sequence without scrambling, the same in every run.
 
     Args:
-        robot: the arm
-        position: wanted, in the world, (3,) [m]
-        rotation: wanted, into the world, (3, 3)
+        robot: the arm.
+        position: desired position in the world (3,) [m].
+        rotation: desired rotation into the world (3, 3).
 
     Returns:
-        solutions, nearest first; no two that reach the pose are the same
+        The solutions, nearest first; those that reach the pose differ from one another.
     """
     solutions: list[Solution] = []
     for seed in spread(robot, SEEDS):

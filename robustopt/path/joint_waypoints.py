@@ -27,12 +27,12 @@ def joint_waypoints(config: Config, joint_names: tuple[str, ...]) -> Array:
     """Return the waypoints of `path.joints`, shape (W, n) [rad or m].
 
     Args:
-        config: configuration with `path.joints`, a list or the name of a CSV file
-        joint_names: names of the joints in their order
+        config: the configuration; `path.joints` is a list or the name of a CSV file.
+        joint_names: names of the joints in their order.
 
     Raises:
-        PathError: if a CSV file cannot be read, a waypoint has not one value for each joint, there are fewer than two
-            waypoints, or one is repeated
+        PathError: a CSV file cannot be read, a waypoint does not have one value for each joint, there are fewer than
+            two waypoints, or one is repeated.
     """
     joints = config.path.joints
     rows = _read_csv(config, joints, joint_names) if isinstance(joints, str) else [list(row) for row in joints or ()]

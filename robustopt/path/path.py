@@ -26,18 +26,18 @@ class Path:
     """A path q(s), s in [0, 1], of K pieces, C2 on each.
 
     Attributes:
-        breaks: boundaries of the pieces, from 0 to 1, (K+1,); the robot stops at the inner ones, and the derivative of
-            q may jump there.
-        waypoints: s of the waypoints of the configuration, (W,).
-        switches: s at which the limits change while the robot moves on; a grid must hold them.
+        breaks: boundaries of the pieces, from 0 to 1 (K+1,); the robot stops at the inner ones, and the derivative of q
+            may jump there.
+        waypoints: s of the configured waypoints (W,).
+        switches: values of s at which the limits change without a stop; every grid must contain them.
         stances: phases of a path with steps in their order; () without steps.
 
     Args:
         pieces: splines q(s), one for each piece.
-        breaks: (K+1,)
-        waypoints: (W,)
-        noun: name that the configuration gives the waypoints.
-        steps: footsteps, with a phase between any two neighbouring waypoints.
+        breaks: boundaries of the pieces (K+1,).
+        waypoints: s of the configured waypoints (W,).
+        noun: name of the waypoints in the configuration.
+        steps: footsteps, with one phase between neighbouring waypoints.
     """
 
     def __init__(
@@ -59,12 +59,12 @@ class Path:
         """Return a derivative of q with respect to s.
 
         Args:
-            s: (P,)
-            piece: piece on which each s is taken, (P,)
-            order: 0 to 3
+            s: positions along the path (P,).
+            piece: piece on which q is evaluated at each s (P,).
+            order: order of the derivative, 0 to 3.
 
         Returns:
-            (P, n)
+            The derivatives (P, n).
         """
         s, piece = np.asarray(s, dtype=float), np.asarray(piece)
         s = np.clip(s, self.breaks[piece], self.breaks[piece + 1])
@@ -77,7 +77,7 @@ class Path:
         return values
 
     def __call__(self, s: ArrayLike, order: int = 0) -> Array:
-        """Return the derivative of `order` (0 to 3) of q at `s` (P,), shape (P, n); at a stop of the piece behind."""
+        """Return the derivative of `order` (0 to 3) of q at `s` (P,), shape (P, n); at a stop, on the later piece."""
         s = np.atleast_1d(np.asarray(s, dtype=float))
         return self.evaluate(s, self.piece_at(s), order)
 
@@ -90,14 +90,14 @@ class Path:
         return np.clip(np.searchsorted(self.breaks, s, side="right") - 1, 0, len(self.breaks) - 2)
 
     def fine_grid(self) -> Array:
-        """Return points of s in [0, 1], knots and waypoints included, between which the path bends little."""
+        """Return points of s in [0, 1] between which the path bends little, including all knots and waypoints."""
         knots = np.union1d(np.clip(self._knots, 0.0, 1.0), self.waypoints)
         parts = max(POINTS_PER_KNOT, -(-FEWEST_POINTS // (len(knots) - 1)))
         inner = knots[:-1, None] + np.diff(knots)[:, None] * np.arange(parts) / parts
         return np.append(inner.ravel(), 1.0)
 
     def label(self, s: float) -> str:
-        """Describe a position along the path as the configuration does: "between joints[1] and joints[2], at 40 %".
+        """Describe a position along the path by its waypoints, such as "between joints[1] and joints[2], at 40 %".
 
         Args:
             s: the position along the path.

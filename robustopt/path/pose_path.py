@@ -33,14 +33,14 @@ class PosePath:
     """A path of the carrier frame along sigma in [0, length].
 
     Attributes:
-        start: sigma of each waypoint, (W,) [m].
-        position: of each waypoint in the world, (W, 3) [m].
-        rotation: of each waypoint into the world, (W, 3, 3).
-        velocity: dp/dsigma of each segment, (W-1, 3).
-        turn: turning rate of each segment in the body frame, (W-1, 3) [rad/m].
-        blend: length rounded on each side of a waypoint, (W,) [m]; 0 at the ends, at stops and on a straight line.
-        stops: True for a waypoint at which the frame stops, both ends included, (W,).
-        noun: name that the configuration gives the waypoints, `tray_poses` or `tool_poses`.
+        start: sigma of each waypoint (W,) [m].
+        position: position of each waypoint in the world (W, 3) [m].
+        rotation: rotation of each waypoint into the world (W, 3, 3).
+        velocity: dp/dsigma of each segment (W-1, 3).
+        turn: turning rate of each segment in the body frame (W-1, 3) [rad/m].
+        blend: length rounded on each side of a waypoint (W,) [m]; 0 at the ends, at stops and on a straight line.
+        stops: True for a waypoint at which the frame stops, both ends included (W,).
+        noun: name of the waypoints in the configuration, `tray_poses` or `tool_poses`.
     """
 
     start: Array
@@ -65,15 +65,15 @@ class PosePath:
     def pose(self, sigma: Array) -> tuple[Array, Array]:
         """Return the carrier frame in the world.
 
-        At the corner between directions d1 and d2 with body rates w1 and w2, sigma counted from the corner:
-        p = p_corner + alpha d1 + beta d2 and R = R_corner exp(alpha w1) exp(beta w2), with alpha = min(sigma, 0) and
-        beta = max(sigma, 0) outside of the blend. Inside it both bend smoothly (C2).
+        At the corner between directions d1 and d2 with body rates w1 and w2, sigma counted from the corner: p =
+        p_corner + alpha d1 + beta d2 and R = R_corner exp(alpha w1) exp(beta w2), with alpha = min(sigma, 0) and beta =
+        max(sigma, 0) outside of the blend. Inside it both bend smoothly (C2).
 
         Args:
-            sigma: (P,) [m]
+            sigma: positions along the path (P,) [m].
 
         Returns:
-            position (P, 3) [m] and rotation (P, 3, 3)
+            Position (P, 3) [m] and rotation (P, 3, 3).
         """
         corner = self._nearest_corner(sigma)
         before, after = np.maximum(corner - 1, 0), np.minimum(corner, len(self.velocity) - 1)
@@ -85,7 +85,7 @@ class PosePath:
         return position, self.rotation[corner] @ turned.as_matrix()
 
     def label(self, sigma: float) -> str:
-        """Describe a position along the path as the configuration does, see `label`.
+        """Describe a position along the path by its waypoints, see `label`.
 
         Args:
             sigma: the position along the path [m].
@@ -98,12 +98,12 @@ class PosePath:
 
 
 def label(waypoints: Array, s: float, noun: str) -> str:
-    """Name the place of `s` among the `waypoints` (W,), such as "between joints[1] and joints[2], at 40 %".
+    """Describe a position among waypoints, such as "between joints[1] and joints[2], at 40 %".
 
     Args:
-        waypoints: places of the waypoints, in the unit of s, (W,)
-        s: the place
-        noun: key under which the configuration lists the waypoints
+        waypoints: positions of the waypoints, in the unit of s (W,).
+        s: the position.
+        noun: key under which the configuration lists the waypoints.
     """
     nearest = int(np.argmin(np.abs(waypoints - s)))
     if abs(waypoints[nearest] - s) < 1e-9:
@@ -165,7 +165,7 @@ def _check_segments(length: Array, angle: Array, noun: str) -> None:
 
 
 def _corners(velocity: Array, turn: Array, length: Array, blend: float) -> tuple[Array, Flags]:
-    """Return blend length and stop of every waypoint: straight through, rounded, or a stop."""
+    """Return the blend length of every waypoint, and whether the frame stops there."""
     direction = np.hstack((velocity, TURN_LENGTH * turn))
     cosine = np.sum(direction[:-1] * direction[1:], axis=1)
     straight = np.linalg.norm(np.diff(direction, axis=0), axis=1) < STRAIGHT

@@ -1,4 +1,4 @@
-"""Reasons why an arm cannot follow a path of poses: reach, joint limits, singularities, each in a sentence."""
+"""Reasons why an arm cannot follow a path of poses: reach, joint limits or singularities, each in a sentence."""
 
 from __future__ import annotations
 

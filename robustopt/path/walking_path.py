@@ -1,10 +1,10 @@
 """The path of a walking robot: footsteps turned into coordinates q(s) by inverse kinematics.
 
-The pelvis stays upright at its height; its place in the plane and the twelve joints of the legs follow from the centre
-of mass and the poses of the two soles, fourteen equations for as many unknowns, solved by Newton's method along the
-path. A hand on a rail adds the pose of its palm and the joints of its arm. An arm of more than six joints is free to
-move with its hand in place: along the path it does so as little as it can, drawn towards the posture of the model (our
-choice). Waist and free arms keep that posture.
+The pelvis stays upright at its height. Its place in the plane and the twelve joints of the legs follow from the centre
+of mass and the poses of the two soles: fourteen equations with fourteen unknowns, solved by Newton's method along the
+path. A hand on a rail adds the pose of its palm and the joints of its arm. An arm of more than six joints can move with
+its hand in place. Along the path it moves as little as possible, drawn towards the posture of the model (our choice).
+Waist and free arms keep that posture.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ def walking_path(config: Config, robot: Robot) -> Path:
 
 
 def _followed(robot: Robot, steps: Footsteps, s: Array, start: Array) -> Array:
-    """Solve for q (P, n) at the places s (P,), one after the other from near the start (n,)."""
+    """Solve for q (P, n) at the positions s (P,), one after the other, starting near `start` (n,)."""
     q = np.empty((len(s), robot.n))
     guess = start
     for i, si in enumerate(s):
@@ -100,8 +100,8 @@ def _followed(robot: Robot, steps: Footsteps, s: Array, start: Array) -> Array:
 def _starts(config: Config, robot: Robot, steps: Footsteps) -> Iterator[Array]:
     """Yield postures (n,) near which the path may start.
 
-    The first is the posture of the model. With a hand on a rail others follow: an arm may reach its place in several
-    ways.
+    The first is the posture of the model. With a hand on a rail others follow, because an arm may reach the rail in
+    several ways.
     """
     posture = robot.posture.copy()
     posture[:2] = steps.com(0.0)
@@ -131,15 +131,15 @@ def _solve(
     """Put the centre of mass and all contacts in their places at s by Newton's method.
 
     Args:
-        robot: the robot
-        steps: its footsteps
-        s: place on the path
-        q: coordinates to start from, (n,)
-        pull: share of the way to the posture of the model that a redundant arm goes
-        iterations: largest number of steps
+        robot: the robot.
+        steps: its footsteps.
+        s: position along the path.
+        q: coordinates to start from (n,).
+        pull: share of the distance to the posture of the model that a redundant arm moves.
+        iterations: largest number of steps.
 
     Returns:
-        q (n,) after the last step, and the errors left by contact and `com` [m and rad]
+        q (n,) after the last step, and the remaining errors by contact and `com` [m and rad].
     """
     places, com = steps.at(s), steps.com(s)
     wanted = [places[name] for name in robot.contacts]
@@ -180,7 +180,7 @@ def _tilt(turn: Array) -> Array:
 
 
 def _key(steps: Footsteps, s: float) -> str:
-    """Return the key of the start or of the step to which a place on the path belongs."""
+    """Return the key of the start or of the step to which a position on the path belongs."""
     phase = min(int(s * steps.phases), steps.phases - 1)
     return "path.start" if phase == 0 else f"path.steps[{min((phase - 1) // 2, len(steps.swings) - 1)}]"
 

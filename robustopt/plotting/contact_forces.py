@@ -23,12 +23,12 @@ COP_LABEL = "centre of pressure\nof the feet"
 def forces_figure(plan: Plan, forces: ContactForces, title: str) -> Figure:
     """Draw the normal force of each contact and the centre of pressure of the feet over time.
 
-    The centre of pressure stands beside the centre of mass and the edges of the loaded soles, along x and y.
+    The centre of pressure is drawn together with the centre of mass and the edges of the loaded soles, along x and y.
 
     Args:
-        plan: The plan.
-        forces: Its contact forces.
-        title: The title of the figure.
+        plan: the plan.
+        forces: its contact forces.
+        title: title of the figure.
 
     Returns:
         The figure.
@@ -55,12 +55,12 @@ def forces_figure(plan: Plan, forces: ContactForces, title: str) -> Figure:
 
 
 def footprints_figure(plan: Plan, forces: ContactForces, title: str) -> Figure:
-    """Draw the contact patches from above, with the ways of the centre of mass and of the centre of pressure.
+    """Draw the contact patches from above, with the paths of the centre of mass and of the centre of pressure.
 
     Args:
-        plan: The plan.
-        forces: Its contact forces.
-        title: The title of the figure.
+        plan: the plan.
+        forces: its contact forces.
+        title: title of the figure.
 
     Returns:
         The figure.

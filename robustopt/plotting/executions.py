@@ -23,29 +23,29 @@ MOVEMENTS = {"slip": (1e3, "slip [mm]"), "tilt": (float(np.degrees(1.0)), "tilt 
 """Factor from SI units to the axis and label of the axis, by kind of movement."""
 
 SHOWN = 1.5
-"""End of an axis in thresholds: an object that has fallen needs no more."""
+"""Largest value on an axis, in thresholds: once an object has fallen, more is of no interest."""
 
 FAR = 10.0
-"""A threshold this many times larger than every value is left out, so that the values can be seen."""
+"""A threshold that exceeds all values by this factor is left out, so that the values can be seen."""
 
 FAILURE: dict[str, Any] = {"color": INK, "linewidth": 1.2, "linestyle": "--"}
 
 STILL_SHADED = "grey: the robot stands still"
 
 STILL = 1e-3
-"""A coordinate with less than this part of the largest acceleration counts as still."""
+"""A coordinate with less than this share of the largest acceleration counts as still."""
 
 LOADED = 0.05
-"""Part of the largest planned force on a contact below which its friction and centre of pressure mean nothing."""
+"""Share of the largest planned force on a contact below which its friction and centre of pressure are meaningless."""
 
 
 def trials_figure(traces: Sequence[Trace], robot: Robot, title: str) -> Figure:
     """Draw slip and tilt of all held bodies and the tracking error of the joints over time, one column per trial.
 
     Args:
-        traces: The trials.
-        robot: The robot that executed them.
-        title: The title of the figure.
+        traces: the trials.
+        robot: the robot that executed them.
+        title: the title of the figure.
 
     Returns:
         The figure.
@@ -91,9 +91,9 @@ def accelerations_figure(trace: Trace, robot: Robot, title: str) -> Figure:
     """Draw the low-passed acceleration of a trial against the plan, one row per coordinate that the plan moves.
 
     Args:
-        trace: The trial.
-        robot: The robot that executed it.
-        title: The title of the figure.
+        trace: the trial.
+        robot: the robot that executed it.
+        title: the title of the figure.
 
     Returns:
         The figure.
@@ -119,11 +119,11 @@ def accelerations_figure(trace: Trace, robot: Robot, title: str) -> Figure:
 
 
 def contact_trials_figure(traces: Sequence[Trace], title: str) -> Figure:
-    """Draw normal force, used friction and centre of pressure of each environment contact beside the planned ones.
+    """Draw measured and planned normal force, used friction and centre of pressure of each environment contact.
 
     Args:
-        traces: The trials, one column each.
-        title: The title of the figure.
+        traces: the trials, one column each.
+        title: title of the figure.
 
     Returns:
         The figure.
@@ -182,7 +182,7 @@ def _draw_contacts(axes: Sequence[Axes], trace: Trace) -> None:
 
 
 def _ratio(force: Array, pressed: Flags) -> Array:
-    """Return tangential over normal force, (N,), not a number while the contact is not pressed."""
+    """Return tangential over normal force (N,); nan while the contact is not pressed."""
     normal = np.where(pressed, force[:, 2], np.nan)
     return np.asarray(np.hypot(force[:, 0], force[:, 1]) / normal)
 
@@ -228,7 +228,7 @@ def _before_failure(trace: Trace) -> Flags:
 
 
 def _mark(axis: Axes, trace: Trace) -> None:
-    """Shade the time in which the robot stands still, and mark the failure."""
+    """Shade the time during which the robot stands still, and mark the failure."""
     moving = trace.t[trace.moving]
     for start, end in ((trace.t[0], moving[0]), (moving[-1], trace.t[-1])):
         axis.axvspan(start, end, color=GREY, alpha=0.25, linewidth=0)

@@ -30,9 +30,9 @@ def write_figures(plan: Plan, config: Config, folder: Path) -> list[Path]:
     The files depend on the arguments alone: the same plan gives the same bytes.
 
     Args:
-        plan: A plan; an empty one has only its phase plane.
-        config: The configuration of the plan.
-        folder: Where to write; it is made if it is missing.
+        plan: a plan; an empty one has only its phase plane.
+        config: the configuration of the plan.
+        folder: where to write; it is made if it is missing.
 
     Returns:
         The files.
@@ -45,10 +45,10 @@ def write_execution_figures(config: Config, traces: Sequence[Trace], robot: Robo
     """Write the figures of trials as SVG and PNG.
 
     Args:
-        config: The configuration that was executed.
-        traces: One trial, or several to be shown side by side; the accelerations of the first are drawn.
-        robot: The robot that executed the plan.
-        folder: Where to write; it is made if it is missing.
+        config: the configuration that was executed.
+        traces: one trial, or several to be shown side by side; the accelerations of the first are drawn.
+        robot: the robot that executed the plan.
+        folder: where to write; it is made if it is missing.
 
     Returns:
         The files.
@@ -67,10 +67,10 @@ def write_learning_figure(records: Sequence[Iteration], target_rate: float, titl
     """Write the figure of a learning run as SVG and PNG.
 
     Args:
-        records: The plans in order, as in the summary of a run.
-        target_rate: The success rate in question, in [0, 1].
-        title: The title of the figure.
-        folder: Where to write; it is made if it is missing.
+        records: the plans in order, as in the summary of a run.
+        target_rate: the success rate in question, in [0, 1].
+        title: the title of the figure.
+        folder: where to write; it is made if it is missing.
 
     Returns:
         The files.
@@ -83,8 +83,8 @@ def figures(plan: Plan, config: Config) -> dict[str, Figure]:
     """Draw every figure of a plan; call this within `house_style`.
 
     Args:
-        plan: A plan; an empty one has only its phase plane.
-        config: The configuration of the plan.
+        plan: a plan; an empty one has only its phase plane.
+        config: the configuration of the plan.
 
     Returns:
         The figures by file name without suffix.

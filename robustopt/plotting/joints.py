@@ -32,11 +32,11 @@ class Quantity:
 
     Attributes:
         name: "position", "velocity", "acceleration" or "torque", as in the names of the limits.
-        value: Nominal values, shape (M, n).
-        lower: Lower limits, shape (n,).
-        upper: Upper limits, shape (n,).
-        robust_lower: Lower limits tightened by the uncertain parameters, shape (M, n), or None.
-        robust_upper: Upper limits tightened by the uncertain parameters, shape (M, n), or None.
+        value: nominal values, shape (M, n).
+        lower: lower limits, shape (n,).
+        upper: upper limits, shape (n,).
+        robust_lower: lower limits tightened by the uncertain parameters, shape (M, n), or None.
+        robust_upper: upper limits tightened by the uncertain parameters, shape (M, n), or None.
     """
 
     name: str
@@ -62,8 +62,8 @@ def joint_figures(plan: Plan, title: str) -> list[Figure]:
     Solid lines are the limits, dotted ones the limits tightened by the uncertain parameters.
 
     Args:
-        plan: The plan.
-        title: The title of each figure.
+        plan: the plan.
+        title: the title of each figure.
 
     Returns:
         Figures with one row per quantity and one column per joint, `JOINTS_PER_FIGURE` joints each.
@@ -81,7 +81,7 @@ def joint_quantities(plan: Plan) -> tuple[Array, list[Quantity]]:
     Accelerations and torques jump at the grid points; each point has the value before and the value after it.
 
     Args:
-        plan: The plan.
+        plan: the plan.
 
     Returns:
         Times, shape (M,), [s], and position, velocity, acceleration and torque.
@@ -118,10 +118,10 @@ def _acceleration(plan: Plan, value: Array) -> Quantity:
 
 
 def _torque(plan: Plan, points: Indices, u: Array, x: Array) -> Quantity:
-    """Return the nominal joint torque, load and joint friction included, its limits tightened by all parameters.
+    """Return the nominal joint torque with load and joint friction, and its limits tightened by all parameters.
 
-    `points` (M,) holds the grid point of each value, starts and ends of intervals in turn; `u` and `x` (M,) belong to
-    them.
+    `points` (M,) holds the grid point of each value, starts and ends of intervals in turn; `u` and `x` (M,) are its sdd
+    and sd^2.
     """
     limit = plan.problem.robot.limits.torque
     value = np.empty((len(points), len(limit)))

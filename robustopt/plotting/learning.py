@@ -1,4 +1,4 @@
-"""Figure of a learner: the interval that shrinks, the duration and the success of every plan that it tried."""
+"""Figure of a learner: the shrinking interval, and the duration and success of every plan that was tried."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ def learning_figure(records: Sequence[Iteration], target_rate: float, title: str
     """Draw the learned interval, the duration and the success rate of every plan in order.
 
     Args:
-        records: of the plans.
-        target_rate: the success rate in question, drawn as a line.
-        title: of the figure.
+        records: records of the plans.
+        target_rate: success rate in question, drawn as a line.
+        title: title of the figure.
     """
     panels = [_beliefs, _durations]
     if any(record.success_rate is not None for record in records):
@@ -102,7 +102,7 @@ def _mark(axis: Axes, records: Sequence[Iteration], values: Sequence[float], joi
 
 
 def _begins_anew(before: Iteration, record: Iteration) -> bool:
-    """Return whether the interval of friction is wider than before: a search for the next K."""
+    """Return whether the interval of friction is wider than before, which means that a search for the next K begins."""
     low, high = before.friction_low, before.friction_high
     if low is None or high is None or record.friction_low is None or record.friction_high is None:
         return False

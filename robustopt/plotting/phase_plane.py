@@ -17,19 +17,19 @@ from robustopt.solvers.plan import Plan
 from robustopt.solvers.trajectory import NO_LIMIT, binding_shares
 
 PIECES_PER_INTERVAL = 8
-"""Number of straight lines that stand for sd on an interval, which is the root of a linear function of s."""
+"""Number of straight lines that approximate sd on an interval, where sd^2 is linear in s."""
 
 
 def phase_plane(plan: Plan, title: str) -> Figure:
-    """Draw sd over s with the velocity limit curves, above one strip per limit that marks the intervals it binds on.
+    """Draw sd over s with the velocity limit curves, above one strip per limit that shows on which intervals it binds.
 
     The profile has the colour of the binding limit; if several bind, of the one with the largest share of the duration.
-    The strips show all of them. The figure of an empty plan has only the curves, and marks the points at which no speed
+    The strips show all of them. The figure of an empty plan has only the curves. It marks the points at which no speed
     is admissible, the stops at which the robot cannot stand still, and the conflict that the solver found.
 
     Args:
-        plan: A plan, or an empty one.
-        title: The title of the figure.
+        plan: a plan, or an empty one.
+        title: title of the figure.
 
     Returns:
         The figure.
@@ -88,7 +88,7 @@ def _draw_velocity_limits(plane: Axes, problem: TimeScalingProblem, top: float |
 
 
 def _ceiling(high: Array, top: float | None) -> float:
-    """Return the largest sd of the axis: all of the plan, and some of the curve however far above the plan it is."""
+    """Return the largest sd of the axis: it shows all of the plan, and part of the curve even if that is far above."""
     finite = high[np.isfinite(high)]
     highest = float(finite.max(initial=0.0)) or 1.0
     if top is None:

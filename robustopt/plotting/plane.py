@@ -17,14 +17,14 @@ TICKS = (0.0, 0.25, 0.5, 0.75, 1.0)
 
 @dataclass(frozen=True)
 class Plane:
-    """A learning run of two parameters, in the unit square: 0 is the optimistic end, 1 the conservative one.
+    """A learning run of two parameters in the unit square; 0 is the optimistic end of each, 1 the conservative one.
 
     Attributes:
-        labels: Names of the two parameters.
-        ticks: Their values at TICKS, shape (2, 5).
-        durations: f* on a square grid, optimistic corner first, shape (n, n), [s]; infinite without a plan.
-        points: The executed plans in order, shape (m, 2).
-        succeeded: Whether each of them succeeded, shape (m,).
+        labels: names of the two parameters.
+        ticks: values of the parameters at TICKS (2, 5).
+        durations: f* on a square grid, optimistic corner first (n, n) [s]; infinite without a plan.
+        points: the executed plans in order (m, 2).
+        succeeded: whether each of them succeeded (m,).
     """
 
     labels: tuple[str, str]
@@ -38,8 +38,8 @@ def plane_figure(planes: Sequence[tuple[str, Plane]], after: Sequence[int]) -> F
     """Draw one row for each learner and one column for each number of executed plans.
 
     Args:
-        planes: The planes, each with the name of its learner.
-        after: Numbers of executed plans.
+        planes: the planes, each with the name of its learner.
+        after: numbers of executed plans.
 
     Returns:
         The figure.

@@ -13,12 +13,12 @@ MOST_BARS = 12
 
 
 def shares_figure(shares: Mapping[str, float], title: str, of: str = "duration") -> Figure:
-    """Draw shares of a whole as horizontal bars, such as of the duration in which each limit binds.
+    """Draw shares of a whole as horizontal bars, for example the share of the duration in which each limit binds.
 
     Args:
-        shares: Share by limit, in [0, 1], largest first; it is drawn at the top.
-        title: The title of the figure.
-        of: The whole.
+        shares: share by limit, in [0, 1], largest first; the first is drawn at the top.
+        title: title of the figure.
+        of: name of the whole.
 
     Returns:
         The figure; limits beyond the twelfth share one bar.

@@ -1,4 +1,4 @@
-"""Style of the figures, and writing them such that the same run gives the same files."""
+"""Style of the figures, and reproducible writing: the same run gives the same files."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def limit_colours(shares: Mapping[str, float]) -> dict[str, str]:
     """Return the colour of every limit; the limits with the largest shares have their own, the rest share one.
 
     Args:
-        shares: Share of the duration by limit, largest first.
+        shares: share of the duration by limit, largest first.
 
     Returns:
         Colour by limit, `OTHER` included.
@@ -74,8 +74,8 @@ def joint_unit(unit: str, hinges: Flags) -> str:
     """Return the unit of a quantity of several joints: "rad/s" for hinges, "m/s" for slides, "rad/s, m/s" for both.
 
     Args:
-        unit: The unit for a hinge.
-        hinges: Whether each joint is a hinge, shape (n,).
+        unit: the unit for a hinge.
+        hinges: whether each joint is a hinge, shape (n,).
 
     Returns:
         The unit, or both.

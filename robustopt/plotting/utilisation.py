@@ -1,4 +1,4 @@
-"""Utilisation of the contacts over time: the used part of each limit, with every uncertain quantity at its worst."""
+"""Utilisation of the contacts over time: the used part of each limit at the worst values in the intervals."""
 
 from __future__ import annotations
 
@@ -19,19 +19,18 @@ DASHES = ("--", ":", "-.")
 
 
 def contact_utilisation(plan: Plan) -> list[dict[str, Array]]:
-    """Return the used part of each contact limit on every interval that has a length: the larger of its two ends.
+    """Return the used part of each contact limit on every interval that has a length: the larger one of its two ends.
 
-    The used part is 1 less the margin of the plan's own rows for the worst values in the intervals, as a fraction of
-    the holding force or, of contacts that only press, of the weight, or of the largest margin at standstill if that is
-    larger (our choice). A limit that binds has 1. Contacts without explicit rows count with those that the solver
-    added, which bound their cone from outside.
+    The used part is 1 less the margin of the plan's own rows at the worst values in the intervals. The margin is a
+    fraction of the holding force or, for contacts that only press, of the weight; if the largest margin at standstill
+    exceeds this, it is a fraction of that margin (our choice). A limit that binds has 1. Contacts without explicit rows
+    count with the rows that the solver added, which bound their cone from outside.
 
     Args:
-        plan: A plan with a timing.
+        plan: a plan with a timing.
 
     Returns:
-        For each group of held bodies the used part by the name of the limit, shape (M,), not a number while the contact
-        does not exist.
+        For each group of held bodies the used part by the name of the limit (M,), nan while the contact does not exist.
     """
     ends = _ends(plan)
     u, x = np.repeat(plan.u[ends[:, 0]], 2), plan.x[ends].ravel()
@@ -58,8 +57,8 @@ def contacts_figure(plan: Plan, title: str) -> Figure:
     """Draw the used part of each contact limit over time, one row per group of held bodies.
 
     Args:
-        plan: A plan with a timing, whose problem has contact limits.
-        title: The title of the figure.
+        plan: a plan with a timing, whose problem has contact limits.
+        title: the title of the figure.
 
     Returns:
         The figure.

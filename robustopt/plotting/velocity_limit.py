@@ -30,7 +30,7 @@ def velocity_limits(problem: TimeScalingProblem) -> tuple[Array, Array]:
     bound their cone from outside.
 
     Args:
-        problem: The time-scaling problem.
+        problem: the time-scaling problem.
 
     Returns:
         Smallest and largest sd, shape (P,) each, [1/s]; not a number if no speed is admissible.
@@ -84,11 +84,11 @@ def largest_x(a: Array, b: Array, c: Array, lowest: Array, highest: Array) -> Ar
     Newton's method from the right of its largest root never oversteps it, and ends there after finitely many steps.
 
     Args:
-        a: Coefficients of u, shape (P, m).
-        b: Coefficients of x, shape (P, m).
-        c: Constants, shape (P, m).
-        lowest: Lower bounds of x, finite, shape (P,).
-        highest: Upper bounds of x, finite, shape (P,).
+        a: coefficients of u, shape (P, m).
+        b: coefficients of x, shape (P, m).
+        c: constants, shape (P, m).
+        lowest: lower bounds of x, finite, shape (P,).
+        highest: upper bounds of x, finite, shape (P,).
 
     Returns:
         The largest x, shape (P,); not a number at an infeasible point.

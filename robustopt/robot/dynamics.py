@@ -25,12 +25,12 @@ class CarrierMotion:
     At u = sdd and x = sd^2 the frame accelerates by `jacobian @ q1 * u + (jacobian @ q2 + bias) * x`.
 
     Attributes:
-        position: of the origin in the world, (P, 3) [m].
-        rotation: from carrier axes into the world, (P, 3, 3).
-        jacobian: of the origin, linear then angular, carrier axes, (P, 6, n).
-        bias: acceleration at qd = q'(s) and qdd = 0, linear then angular, carrier axes, (P, 6) [m/s^2, rad/s^2].
-        gravity: in carrier axes, (P, 3) [m/s^2].
-        hands: Jacobians at the carrier's origin of several hands that hold the tray together, (k, P, 6, n), of which
+        position: position of the origin in the world (P, 3) [m].
+        rotation: rotation from carrier axes into the world (P, 3, 3).
+        jacobian: Jacobian of the origin, linear then angular, carrier axes (P, 6, n).
+        bias: acceleration at qd = q'(s) and qdd = 0, linear then angular, carrier axes (P, 6) [m/s^2, rad/s^2].
+        gravity: acceleration of gravity in carrier axes (P, 3) [m/s^2].
+        hands: jacobians at the carrier's origin of several hands that hold the tray together (k, P, 6, n), of which
             `jacobian` is the mean weighted by their shares; None for a single tool.
     """
 
@@ -80,10 +80,10 @@ class BodyMotion:
     `angular_u * u + angular_x * x`.
 
     Attributes:
-        linear_u, linear_x, linear_0, angular_u, angular_x: (P, 3) [m/s^2, rad/s^2].
-        spin: angular velocity at qd = q'(s), (P, 3) [rad/s].
-        jacobian: of the origin, linear then angular, (P, 6, n).
-        to_force: generalised force of a wrench about the origin, base rows as in `Dynamics`, (P, n, 6).
+        linear_u, linear_x, linear_0, angular_u, angular_x: coefficients of these accelerations (P, 3) [m/s^2, rad/s^2].
+        spin: angular velocity at qd = q'(s) (P, 3) [rad/s].
+        jacobian: Jacobian of the origin, linear then angular (P, 6, n).
+        to_force: generalised force of a wrench about the origin, base rows as in `Dynamics` (P, n, 6).
     """
 
     linear_u: Array
@@ -98,13 +98,13 @@ class BodyMotion:
 
 @dataclass(frozen=True)
 class Frames:
-    """The numbers of the frames of interest in a compiled model.
+    """The indices of the frames of interest in a compiled model.
 
     Attributes:
         base: number of base coordinates.
-        contacts: number of the body of each environment contact, by name.
-        carrier: number of the carrier's site, None if there is none.
-        holders: several hands that hold the tray, the number of the body and the share of each (6, 6); () for one tool.
+        contacts: index of the body of each environment contact, by name.
+        carrier: index of the carrier's site; None if there is none.
+        holders: index of the body and share (6, 6) of each of several hands that hold the tray; () for one tool.
     """
 
     base: int
@@ -169,7 +169,7 @@ def path_dynamics(model: mujoco.MjModel, frames: Frames, q: Array, q1: Array, q2
 
 
 class _Carrier:
-    """A record of the carrier frame, point by point, and its motion in carrier axes."""
+    """A record of the motion of the carrier frame, point by point."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, frames: Frames, points: int) -> None:
         site = frames.carrier

@@ -15,21 +15,21 @@ from robustopt.errors import RobotError
 from robustopt.robot.model_file import USUAL
 
 BASE_JOINTS = ("base_x", "base_y", "base_z", "base_yaw", "base_pitch", "base_roll")
-"""Coordinates of the floating base in their order: position in the world, then turns about z, y and x."""
+"""Coordinates of the floating base in their order: position in the world, then rotations about z, y and x."""
 
 FREE_JOINT = 7
-"""Positions of a free joint: three coordinates and a quaternion."""
+"""Number of positions of a free joint: three coordinates and a quaternion."""
 
 
 def base_coordinates(model: mujoco.MjModel, file: str) -> int:
     """Return the number of coordinates of the floating base: 6 if the first joint is a free one, else 0.
 
     Args:
-        model: the model as its file has it
-        file: name of the model file, for messages
+        model: the model as in its file.
+        file: name of the model file, for messages.
 
     Raises:
-        RobotError: if the other joints are not hinges and slides, or there is none
+        RobotError: the other joints are not all hinges and slides, or there are none.
     """
     free, ball = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)
     kinds = [int(kind) for kind in model.jnt_type]
@@ -106,10 +106,10 @@ def free_joint_positions(q: Array) -> Array:
     """Return the positions of a robot whose base is a free joint.
 
     Args:
-        q: coordinates with the six of the base first, (P, n)
+        q: coordinates, with the six of the base first (P, n).
 
     Returns:
-        qpos: (P, n + 1), with position and quaternion w, x, y, z of the base first
+        Positions qpos (P, n + 1), with position and quaternion w, x, y, z of the base first.
     """
     half = 0.5 * q[:, 3:6]
     (cz, cy, cx), (sz, sy, sx) = np.cos(half).T, np.sin(half).T
@@ -119,15 +119,15 @@ def free_joint_positions(q: Array) -> Array:
 
 
 def base_to_wrench(jacobian: Array) -> Array:
-    """Return the map from generalised forces of the base's coordinates to the wrench about the world's origin.
+    """Return the matrix from generalised forces of the base's coordinates to the wrench about the world's origin.
 
-    Every body moves with the base like a rigid body, so the base columns of any body's Jacobian at the world's origin
-    tell the power of the base coordinates.
+    Every body moves with the base like a rigid body, so the base columns of the Jacobian of any body at the world's
+    origin give the power of the base coordinates.
 
     Args:
-        jacobian: of a point that coincides with the world's origin and is fixed to any body, (P, 6, n)
+        jacobian: Jacobian of a point at the world's origin that is fixed to any body (P, 6, n).
 
     Returns:
-        (P, 6, 6)
+        The matrices (P, 6, 6).
     """
     return np.asarray(np.linalg.inv(np.swapaxes(jacobian[:, :, :BASE], 1, 2)))

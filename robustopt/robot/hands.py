@@ -1,10 +1,9 @@
-"""Several hands that hold a tray together: where they are, and how they share its wrench.
+"""Several hands that hold a tray together: their places, and their shares of its wrench.
 
-How hands share a wrench is statically indeterminate. Arms are compliant, so the share of each is taken as the one of
-least squares, in which a moment at a hand counts as much as a force at the edge of its pad (our choice): forces are
-shared evenly, and moments are made by opposed forces of the hands as far as these have a lever. The motion of the tray
-under errors of the joints is the dual of that: the average of the motions that the hands would give it, with the same
-weights.
+Equilibrium does not determine how hands share a wrench. Arms are compliant, so each hand takes its least-squares share,
+in which a moment at a hand counts as much as a force at the edge of its pad (our choice). Forces are then shared
+evenly, and moments become opposed forces of the hands as far as these have a lever arm. The motion of the tray under
+joint errors is dual to this: it is the mean of the motions that the single hands would give it, with the same weights.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ PAD = 0.03
 
 @dataclass(frozen=True, eq=False)
 class Hand:
-    """A hand that holds the tray with others.
+    """One of several hands that hold the tray.
 
     Attributes:
         name: name of the tool in the configuration.

@@ -37,10 +37,10 @@ class JointLimits:
     """The limits of the coordinates of a robot, shape (n,) each.
 
     Attributes:
-        lower, upper: position [rad or m], infinite if the joint is not limited.
+        lower, upper: limits of the position [rad or m]; infinite if the joint has none.
         velocity, acceleration, torque: largest absolute values [rad/s, rad/s^2, N m; for slides m/s, m/s^2, N].
-        dry_friction: of the joints [N m or N].
-        viscous_friction: of the joints [N m s/rad or N s/m].
+        dry_friction: dry friction of the joints [N m or N].
+        viscous_friction: viscous friction of the joints [N m s/rad or N s/m].
     """
 
     lower: Array
@@ -56,7 +56,7 @@ class JointLimits:
             getattr(self, item.name).setflags(write=False)
 
     def behind_base(self, base: int) -> JointLimits:
-        """Return the limits with the unlimited coordinates of a floating base before those of the joints.
+        """Return the limits preceded by those of a floating base, which are infinite.
 
         Args:
             base: number of base coordinates.
@@ -74,12 +74,12 @@ def joint_limits(config: Config, robot: RobotModel, names: tuple[str, ...]) -> J
     """Return the limits of some joints.
 
     Args:
-        config: configuration with `robot.limits` and `robot.joint_friction`
-        robot: the robot as read from its file
-        names: names of the joints
+        config: the configuration, with `robot.limits` and `robot.joint_friction`.
+        robot: the robot as read from its file.
+        names: names of the joints.
 
     Raises:
-        RobotError: one that lists every limit that is missing, or every joint in `robot.limits` that does not exist
+        RobotError: limits are missing, or `robot.limits` names joints that do not exist; the error lists all of them.
     """
     limits = _file_limits(robot)
     _override(config, robot, limits)
@@ -150,12 +150,12 @@ def _largest_forces(model: mujoco.MjModel, actuator: int) -> list[float]:
 
 
 def _symmetric(limits: Array) -> float:
-    """Return the smaller side of a range: torque is limited alike both ways (our choice)."""
+    """Return the smaller absolute value of a range: torque limits are the same in both directions (our choice)."""
     return float(min(-limits[0], limits[1]))
 
 
 def _override(config: Config, robot: RobotModel, limits: dict[str, Array]) -> None:
-    """Put the values of `robot.limits` in place: first those for `all`, then those for each joint."""
+    """Apply the values of `robot.limits`: first those for `all`, then those for each joint."""
     names = joint_names(robot.original)
     given = config.robot.limits
     unknown = [name for name in given if name != "all" and name not in names]

@@ -1,4 +1,4 @@
-"""Joints that `robot.locked` holds at a position: fixed, with everything that hangs on them taken out."""
+"""Joints that `robot.locked` holds at a position: they become fixed, and everything that needs them is deleted."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ def lock_joints(spec: mujoco.MjSpec, original: mujoco.MjModel, locked: Mapping[s
     """Fix joints at their positions by folding their motion into the pose of their body.
 
     Args:
-        spec: specification to change
-        original: the model with all its joints
-        locked: position by joint name [rad or m]
-        file: name of the model file, for messages
+        spec: specification, which is changed.
+        original: the model with all its joints.
+        locked: position by joint name [rad or m].
+        file: name of the model file, for messages.
 
     Raises:
-        RobotError: if a joint does not exist, none would be left, or a body would keep one of its several joints
+        RobotError: a joint does not exist, no joint would be left, or a body would keep one of its several joints.
     """
     names = joint_names(original)
     unknown = [name for name in locked if name not in names]
@@ -65,7 +65,7 @@ def _pose_in_parent(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> tu
 
 
 def _delete_joints(spec: mujoco.MjSpec, joints: set[str]) -> None:
-    """Delete joints with the tendons, couplings, actuators and sensors that hang on them."""
+    """Delete joints, and the tendons, couplings, actuators and sensors that depend on them."""
     target, trn, eq, obj = mujoco.mjtWrap.mjWRAP_JOINT, mujoco.mjtTrn, mujoco.mjtEq, mujoco.mjtObj
     tendons = {
         tendon.name

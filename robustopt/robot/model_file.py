@@ -1,7 +1,7 @@
 """The robot's model file: find it, hash it, and read it into a MuJoCo specification.
 
-The reader takes over the content of a user's MJCF or URDF file, but undoes settings that the file makes for a whole
-simulation, of which the robot is only a part.
+The reader keeps the content of a user's MJCF or URDF file but resets its settings for the whole simulation, because the
+robot is only a part of the simulation.
 """
 
 from __future__ import annotations
@@ -64,10 +64,11 @@ def model_file(config: Config) -> Path:
     """Return the file that `robot.model` names.
 
     Args:
-        config: configuration; `robot.model` is a shipped robot, a package file, or relative to the configuration
+        config: the configuration; `robot.model` is a shipped robot, a package file, or a path relative to the
+            configuration.
 
     Raises:
-        RobotError: if there is no such robot or file
+        RobotError: there is no such robot or file.
     """
     name = config.robot.model
     if name in shipped_models():
@@ -106,7 +107,7 @@ def model_hash(file: Path) -> str:
 
 
 def _parts(file: Path, folders: Sequence[Path], found: list[Path]) -> list[Path]:
-    """List a file and the files that it names, each once; MuJoCo searches from the folder of the model file on."""
+    """List a file and the files that it names, each once; MuJoCo resolves names from the folder of the model file."""
     found.append(file)
     if file.suffix.lower() not in {".xml", ".mjcf", ".urdf"}:
         return found
@@ -166,7 +167,7 @@ def compile_spec(spec: mujoco.MjSpec, file: Path) -> mujoco.MjModel:
         file: its model file, for messages.
 
     Raises:
-        RobotError: MuJoCo refuses the model; its message is in one line.
+        RobotError: MuJoCo rejects the model; its message is put on one line.
     """
     try:
         return spec.compile()
@@ -184,7 +185,7 @@ def joint_names(model: mujoco.MjModel) -> tuple[str, ...]:
 
 
 def _name_all(spec: mujoco.MjSpec) -> None:
-    """Give names such as `joint_1` to unnamed parts: a file may leave them out, but limits and messages need them."""
+    """Name unnamed parts, such as `joint_1`: a file may omit names, but limits and messages need them."""
     for kind, items in (("joint", spec.joints), ("body", spec.bodies[1:]), ("tendon", spec.tendons)):
         taken = {item.name for item in items}
         free = (name for i in count(1) if (name := f"{kind}_{i}") not in taken)
@@ -193,7 +194,7 @@ def _name_all(spec: mujoco.MjSpec) -> None:
 
 
 def _keep_masses(spec: mujoco.MjSpec, file: Path) -> None:
-    """Give every body the mass that the compiler options of the file make of it, and undo these options."""
+    """Give every body the mass that results from the file's compiler options, and reset these options."""
     compiler, usual = spec.compiler, USUAL.compiler
     if all(getattr(compiler, name) == getattr(usual, name) for name in MASS_OPTIONS):
         return

@@ -40,13 +40,13 @@ class RobotModel:
 
     Attributes:
         spec: specification for planning, to be compiled.
-        world_spec: the same with the free joint of a floating base in place of six coordinates, for simulations.
-        original: the model as the file has it, with all joints, actuators and limits.
+        world_spec: the same for simulation, with a free joint in place of six coordinates for a floating base.
+        original: the model as in its file, with all joints, actuators and limits.
         file: the model file.
-        urdf_limits: limits of a URDF that MuJoCo does not keep.
+        urdf_limits: limits of a URDF file that MuJoCo does not keep.
         notes: content of the file that was left out, in words.
         base: number of coordinates of a floating base, 0 or 6.
-        posture: of a walking robot, (n,) [m and rad], else None.
+        posture: posture of a walking robot (n,) [m and rad]; None for an arm.
         contacts: environment contacts by name.
     """
 
@@ -69,7 +69,7 @@ def load_model(config: Config) -> RobotModel:
         config: the configuration.
 
     Raises:
-        RobotError: the model cannot be found or read, does not suit the path, or lacks its tool or a joint to lock; a
+        RobotError: the model cannot be found or read, does not fit the path, or lacks its tool or a joint to lock; or a
             walking robot has springs, or lacks a foot or a keyframe.
     """
     file = model_file(config)
@@ -172,7 +172,7 @@ def _attach_carrier(spec: mujoco.MjSpec, original: mujoco.MjModel, config: Confi
 
 
 def _attach_to_hands(spec: mujoco.MjSpec, original: mujoco.MjModel, config: Config, posture: Array) -> tuple[Hand, ...]:
-    """Add the site of the carrier frame of several hands: the tray's pose in a frame in the middle of them.
+    """Add the site of the carrier frame of several hands: the tray's pose in a frame in the middle between them.
 
     Returns:
         The hands, at their places in the posture of the robot (n,).
@@ -211,7 +211,7 @@ def _quaternion(pose: Pose) -> Array:
 
 
 def _tendon_notes(spec: mujoco.MjSpec, original: mujoco.MjModel) -> tuple[str, ...]:
-    """Note the tendons whose effects no plan counts; their springs are counted."""
+    """Note the tendons with effects that plans do not include; their springs are included."""
     unknown = original.tendon_limited | (original.tendon_armature != 0) | (original.tendon_damping != 0)
     unknown |= original.tendon_frictionloss != 0
     left = {tendon.name for tendon in spec.tendons}

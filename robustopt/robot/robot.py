@@ -33,26 +33,26 @@ class Robot:
 
     Attributes:
         n: number of coordinates.
-        base: number of the coordinates that belong to a floating base: 6 of a walking robot, else 0.
-        motors: slice of the coordinates that motors drive.
-        joint_names: names of the coordinates, base first, (n,).
-        limits: of the coordinates, infinite for the base.
-        hinges: True for a coordinate that turns, False for one that slides, (n,).
-        ranges: of the joints in the model file, (n, 2) [rad or m].
-        spec: the links, to be copied and added to.
-        world_spec: the links with a free joint in place of the base coordinates, for simulations.
-        original: the model as its file has it, with all joints and actuators.
+        base: number of coordinates of the floating base: 6 for a walking robot, else 0.
+        motors: slice of the coordinates that have motors.
+        joint_names: names of the coordinates, base first (n,).
+        limits: limits of the coordinates, infinite for the base.
+        hinges: True for a coordinate that rotates, False for one that slides (n,).
+        ranges: ranges of the joints in the model file (n, 2) [rad or m].
+        spec: specification of the links, to be copied and extended.
+        world_spec: the same for simulation, with a free joint in place of the base coordinates.
+        original: the model as in its file, with all joints and actuators.
         notes: content of the model file that was left out, in words.
-        up: unit vector against gravity, world, (3,).
-        mass: of all links [kg].
+        up: unit vector against gravity, world (3,).
+        mass: mass of all links [kg].
         body_names: names of the bodies that have a mass.
-        posture: position that coordinates keep if the path does not prescribe it, (n,) [rad or m].
+        posture: position of the coordinates that the path does not prescribe (n,) [rad or m].
         contacts: contact points of the environment contacts, by name.
         chains: indices of the joints between the base and a contact, by contact.
         limbs: indices of the joints that move a contact and no other foot or hand, by contact; six for a foot, at least
             six for a hand.
-        has_carrier: True if the robot has a carrier frame.
-        hands: several hands that hold the tray together, () for a single tool.
+        has_carrier: whether the robot has a carrier frame.
+        hands: several hands that hold the tray together; () for a single tool.
     """
 
     def __init__(self, parts: RobotModel, model: mujoco.MjModel, limits: JointLimits) -> None:
@@ -90,10 +90,10 @@ class Robot:
         """Return the carrier frame in the world.
 
         Args:
-            q: coordinates, (P, n)
+            q: coordinates (P, n).
 
         Returns:
-            position (P, 3) [m] and rotation (P, 3, 3)
+            Position (P, 3) [m] and rotation (P, 3, 3).
         """
         model, data, site = self._model, self._data, self._carrier()
         position, rotation = np.empty((len(q), 3)), np.empty((len(q), 9))
@@ -108,10 +108,10 @@ class Robot:
         """Return the carrier frame and its Jacobian in the world at one set of coordinates.
 
         Args:
-            q: coordinates, (n,)
+            q: coordinates (n,).
 
         Returns:
-            position (3,) [m], rotation (3, 3), and the Jacobian (6, n) of the origin, linear then angular, world axes
+            Position (3,) [m], rotation (3, 3), and the Jacobian (6, n) of the origin, linear then angular, world axes.
         """
         model, data, site = self._model, self._data, self._carrier()
         jacobian = np.empty((6, self.n))
@@ -273,7 +273,7 @@ class Robot:
         """Return the indices of the joints that move this foot or hand and no other.
 
         Raises:
-            RobotError: if a foot has not six of them, or a hand fewer
+            RobotError: a foot does not have six of them, or a hand has fewer.
         """
         sites = {self._model.site(k).name for k in range(self._model.nsite)}
         others = [self._chain(name) for name in (*FEET, *HANDS) if name in sites and name != contact]
@@ -288,13 +288,13 @@ class Robot:
 def load_robot(config: Config) -> Robot:
     """Load the robot of a configuration.
 
-    The model file determines its kind: if its first joint is a free one, the robot walks.
+    The model file determines its kind: if its first joint is a free joint, the robot walks.
 
     Args:
         config: the configuration.
 
     Raises:
-        RobotError: the model cannot be found or read, does not suit the path, lacks its tool or a limit, or
+        RobotError: the model cannot be found or read, does not fit the path, or lacks its tool or a limit, or
             `uncertainty` names a body that the robot does not have.
     """
     parts = load_model(config)
@@ -322,7 +322,7 @@ def _require_no_joint_friction(limits: JointLimits, file: str) -> None:
 
 
 def _require_bodies(config: Config, robot: Robot) -> None:
-    """Check that `uncertainty` names bodies of the robot or held ones, with intervals around the robot's masses."""
+    """Check that `uncertainty` names existing bodies, with intervals that contain the masses of the robot's bodies."""
     uncertain, held = config.uncertainty, {"tray", *config.objects}
     given = [("center_of_mass", name) for name in uncertain.center_of_mass]
     given += [("mass", name) for name in uncertain.mass]

@@ -21,7 +21,7 @@ class Sole:
     """The contact points of a foot or hand.
 
     Attributes:
-        points: counter-clockwise in the plane z = 0 of the frame of its site, (k, 3) [m].
+        points: contact points, counter-clockwise in the plane z = 0 of the frame of its site (k, 3) [m].
     """
 
     points: Array
@@ -31,12 +31,12 @@ def environment_contacts(model: mujoco.MjModel, rail: RailConfig | None, file: s
     """Return the contacts of a walking robot by name: both feet, and the hand on a rail if there is one.
 
     Args:
-        model: the model as its file has it
-        rail: rail on which a hand rests
-        file: name of the model file, for messages
+        model: the model as in its file.
+        rail: rail on which a hand rests.
+        file: name of the model file, for messages.
 
     Raises:
-        RobotError: if a site is missing, or a foot has too few contact points or points outside the plane of its site
+        RobotError: a site is missing, or a foot has too few contact points or points outside the plane of its site.
     """
     contacts = {name: _sole(model, name, file) for name in FEET}
     if rail is not None:

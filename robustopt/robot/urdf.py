@@ -1,4 +1,4 @@
-"""URDF files for MuJoCo, without looks and missing meshes, and the limits in them that MuJoCo drops."""
+"""URDF files for MuJoCo, without visuals and missing meshes, and the limits in them that MuJoCo drops."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ def read_urdf(file: Path, resolve_package: Callable[[str], Path | None]) -> tupl
     """Read a URDF file for MuJoCo.
 
     Args:
-        file: the URDF file
-        resolve_package: finds the file that `package://NAME/...` names
+        file: the URDF file.
+        resolve_package: function that finds the file of `package://NAME/...`.
 
     Returns:
-        text that MuJoCo can read; the joint limits; notes on content that was left out
+        Text that MuJoCo can read, the joint limits, and notes on content that was left out.
 
     Raises:
-        ValueError: if the file is not well-formed XML, or a xacro file
+        ValueError: the file is not well-formed XML, or it is a xacro file.
     """
     text = file.read_text(encoding="utf-8")
     try:
@@ -101,7 +101,7 @@ def _set_compiler(root: ET.Element) -> None:
 
 
 def _limits(root: ET.Element) -> UrdfLimits:
-    """Return the limits as written; zero or less stands for a limit that was not filled in."""
+    """Return the limits as written; a value of zero or less means that the limit was not filled in."""
     velocity: dict[str, float] = {}
     effort: dict[str, float] = {}
     for joint in root.iter("joint"):

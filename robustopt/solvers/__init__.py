@@ -1,4 +1,4 @@
-"""Solvers: one contract, same optimum."""
+"""Solvers of time-scaling problems, which share one contract and find the same optimum."""
 
 from robustopt.solvers.plan import Plan, Status
 from robustopt.solvers.solve import solve, standstill

@@ -51,20 +51,21 @@ VARYING = (
 """Keys, or sections of keys, that may vary within a batch: neither the robot nor the path depends on them."""
 
 ALONE, STARTED = (0.3, 2.0), (0.05, 0.3)
-"""Time that one process plans before it decides, and least remaining work that it then shares [s]: if the workers must
-be started first, which takes about as long, and if they are running."""
+"""Time that one process plans before it decides, and least remaining work that it then shares [s], in two cases: the
+workers must be started first, which takes about as long, or they are running.
+"""
 
 PARTS = 8
-"""Parts of the work per process, so that no process waits long for the others."""
+"""Number of parts of the work per process, so that no process waits long for the others."""
 
 PER_NAME = ("contact.friction", "uncertainty.friction", "uncertainty.contact_points")
-"""Keys with one value for all contacts, or one per name."""
+"""Keys that have one value for all contacts, or one value per name."""
 
 
 class BatchPlanner:
     """Planner of a configuration for any number of settings, by `reachability`.
 
-    Raises ConfigError, RobotError or PathError on first use if the configuration cannot be used.
+    Raises ConfigError, RobotError or PathError on first use if the configuration is not valid.
 
     Attributes:
         config: the configuration.
@@ -160,14 +161,14 @@ class BatchPlanner:
 
 
 def _durations(task: bytes, settings: Sequence[Setting]) -> list[float]:
-    """Return the durations of settings, in a worker process; task: the pickled configuration."""
+    """Return the durations of settings, in a worker process; `task` is the pickled configuration."""
     planner = _planner_of(task)
     return [planner._duration(setting) for setting in settings]
 
 
 @lru_cache(maxsize=1)
 def _planner_of(task: bytes) -> BatchPlanner:
-    """Return the planner of a worker process, kept from part to part of the same task."""
+    """Return the planner of a worker process, which is kept while the task stays the same."""
     return BatchPlanner(pickle.loads(task), workers=1)
 
 
@@ -179,8 +180,8 @@ def solve_batch(config: Config, settings: Sequence[Setting]) -> list[Plan]:
         settings: values by key, for each plan.
 
     Raises:
-        ConfigError: the configuration cannot be used, a key cannot vary, or a value is not allowed.
-        RobotError: the robot cannot be used.
+        ConfigError: the configuration is not valid, a key cannot vary, or a value is not allowed.
+        RobotError: the robot is not valid.
         PathError: the path cannot be followed.
     """
     return BatchPlanner(config).plans(settings)
@@ -219,7 +220,7 @@ def _require_varying(config: Config, key: str) -> None:
 
 
 def _written_out(config: Config, key: Key) -> dict[str, Any]:
-    """Return the values around a key in full, if the configuration abbreviates them, so that the key has a place."""
+    """Return the values around a key in full if the configuration abbreviates them, so that the key exists."""
     section, kind, *inner = key
     if section == "objects" or not inner:
         return {}

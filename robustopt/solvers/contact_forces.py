@@ -1,8 +1,8 @@
-"""Planned contact forces of a walking robot, which its contacts share smoothly along the plan.
+"""Planned contact forces of a walking robot, shared among its contacts so that they vary smoothly along the plan.
 
 `load_sharing` distributes the required wrench over the contacts: both feet, and a hand on a rail. While both feet
-stand, a foot that has landed fades in and one that will lift fades out, so that its force does not jump when the stance
-changes (our choice). The joint torques with these forces are the feedforward of an execution.
+stand, the share of a foot that has landed rises and the share of a foot that will lift falls, so that its force does
+not jump when the stance changes (our choice). The joint torques with these forces are the feedforward of an execution.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class ContactForces:
         return np.asarray(self.forces[contact].sum(axis=1))
 
     def pressed(self, contact: str) -> Array:
-        """Return the force on a contact in its own axes, the normal force last, (M, 3) [N].
+        """Return the force on a contact in its own axes, with the normal force last, (M, 3) [N].
 
         Args:
             contact: name of the contact.
@@ -203,7 +203,7 @@ def _corners(sharing: Sharing, path: Path, stance: int, name: str) -> Array:
 
 
 def _shares(path: Path, stance: int, s: Array) -> dict[str, Array]:
-    """Return how willingly each contact is used, (M,): a foot less after it landed and before it lifts."""
+    """Return the relative share of each contact, (M,); that of a foot is lower after it lands and before it lifts."""
     own, stances = path.stances[stance], path.stances
     part = (s - own.begin) / (own.end - own.begin)
     shares = {}
@@ -226,7 +226,7 @@ def _ramp(t: Array) -> Array:
 def _torque(
     dynamics: Dynamics, points: Indices, required: Array, forces: Mapping[str, Array], corners: Mapping[str, Array]
 ) -> Array:
-    """Return the joint torques that are left for the motors (M, n), 0 for the base."""
+    """Return the joint torques that remain for the motors (M, n), 0 for the base."""
     torque = required.copy()
     for name, pushes in forces.items():
         moment = np.cross(corners[name], pushes).sum(axis=1)

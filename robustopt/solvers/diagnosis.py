@@ -1,9 +1,9 @@
 """Diagnosis of an infeasible problem: the limits in conflict, and for each key the smallest change that resolves them.
 
-Limits are in conflict if the problem has no solution with them alone, and has one as soon as any of them is dropped: an
-irreducible infeasible subset, found by dropping the limits one after the other. A remedy is a key of the configuration
-and the value, nearest to the present one, with which the whole problem has a solution. It is found by bisection between
-the present value and the most generous one (our choice).
+Limits are in conflict if the problem has no solution with them alone, but has one as soon as any of them is dropped.
+This is an irreducible infeasible subset, found by dropping one limit after the other. A remedy is a key of the
+configuration with its nearest value for which the whole problem has a solution. It is found by bisection between the
+present value and the most generous one (our choice).
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ class Remedy:
     """A change of one key that resolves a conflict.
 
     Attributes:
-        key: the key, as the user reads it.
+        key: the key, as in the user's configuration.
         found: its present value.
         needed: the nearest value that resolves the conflict.
         limits: names of the limits in conflict.
-        enough: whether the change alone makes the whole problem solvable.
+        enough: whether the change alone makes the whole problem feasible.
     """
 
     key: str
@@ -75,14 +75,14 @@ class Diagnosis:
 
     @property
     def sentence(self) -> str:
-        """Return place and conflicts in words."""
-        reason = "no speed and acceleration is left"
+        """Return the place and the conflicts in words."""
+        reason = "no combination of speed and acceleration is possible"
         if self.standstill:
             reason = "the robot cannot stand still"
         elif self.from_rest:
-            reason = "no timing that starts from rest gets to the end"
+            reason = "no timing that starts from rest reaches the end"
         limits = "; ".join(" together with ".join(conflict) for conflict in self.conflicts)
-        return f"At s = {self.s:.4g} ({self.place}) {reason}. Cannot hold for every value in the intervals: {limits}."
+        return f"At s = {self.s:.4g} ({self.place}) {reason}. Limits in conflict: {limits}."
 
 
 def diagnose(plan: Plan) -> Diagnosis:
@@ -130,10 +130,10 @@ def _conflicts(problem: TimeScalingProblem) -> Iterator[tuple[str, ...]]:
 
 
 def _told_apart(problem: TimeScalingProblem, conflicts: list[tuple[str, ...]]) -> Iterator[tuple[str, ...]]:
-    """Yield the conflicts without slip that only accompanies tipping or peel, and twist that only accompanies slip.
+    """Yield the conflicts without slip and twist that only accompany other limits.
 
-    An object that tips or peels also pivots, and no friction would hold it. An object that slips exceeds the rows of
-    the twist too.
+    An object that tips or peels also pivots, and no friction would prevent this. An object that slips exceeds the rows
+    of the twist too.
     """
     together = {limit for conflict in conflicts for limit in conflict}
     names = [limit.names for limit in problem.limits.contacts]
@@ -154,7 +154,8 @@ def _told_apart(problem: TimeScalingProblem, conflicts: list[tuple[str, ...]]) -
 def _irreducible(problem: TimeScalingProblem, names: Sequence[str]) -> list[str]:
     """Return a subset of limits in conflict from which none can be dropped.
 
-    Blocks are tried first and halved only if needed, which gives the same subset as one limit after the other.
+    Blocks of limits are dropped first and halved only if needed. The subset is the same as with one limit after the
+    other.
     """
     needed, blocks = list(names), [list(names)]
     while blocks:
@@ -169,7 +170,7 @@ def _irreducible(problem: TimeScalingProblem, names: Sequence[str]) -> list[str]
 
 
 def _remedies(problem: TimeScalingProblem, conflicts: Sequence[tuple[str, ...]]) -> Iterator[Remedy]:
-    """Yield changes that are enough by themselves, then changes that resolve single conflicts that are left."""
+    """Yield changes that suffice by themselves, then changes that resolve the remaining single conflicts."""
     every = tuple(limit for conflict in conflicts for limit in conflict)
     resolved: set[str] = set()
     for limits in (every, *conflicts):
@@ -186,7 +187,7 @@ def _remedies(problem: TimeScalingProblem, conflicts: Sequence[tuple[str, ...]])
 def _trial(
     problem: TimeScalingProblem, candidate: Candidate, limits: tuple[str, ...] | None
 ) -> Callable[[float], bool]:
-    """Return a test of a share of a change: is the problem solvable with it, or some of its limits alone?"""
+    """Return a function that tells whether a share of a change makes the problem, or some of its limits, feasible."""
 
     def works(share: float) -> bool:
         changes = candidate.changes(share)

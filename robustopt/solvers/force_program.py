@@ -2,11 +2,11 @@
 
     minimise t   such that   G lambda = w + t r,   T_c lambda_c <= 0,   lambda >= 0
 
-G holds the friction edges of all contacts, and w is the required wrench, extended by the forces that press parts
-against the tool. r is a wrench well inside the cone, as heavy as the payload. t > 0 is the missing part, as a fraction
-of the weight. Its dual y is a facet of the cone, y w <= 0 with y r = -1, which the outer program lacks (paper section
-4, its split; normalisation our choice). T_c bounds the twist of a contact c with prescribed pressure; its rows are
-added when a solution violates them.
+The columns of G are the friction edges of all contacts. w is the required wrench, extended by the forces that press
+parts against the tool. r is a wrench well inside the cone, as large as the weight of the payload. If t > 0, t is the
+missing part of the wrench as a fraction of the weight. The dual y is then a facet of the cone, y w <= 0 with y r = -1,
+that the outer program lacks (split as in paper section 4; the normalisation is our choice). T_c bounds the twist of a
+contact c with prescribed pressure; its rows are added when a solution violates them.
 """
 
 from __future__ import annotations
@@ -40,13 +40,14 @@ ROBUST_BAND = 0.5
 
 
 class ForceProgram:
-    """The inner program of one contact system; only its right-hand side changes from call to call.
+    """The inner program of one contact system; only its right-hand side changes between calls.
 
     Attributes:
         reference: the wrench r (d,) [N, N m].
-        scale: factors on the coordinates, by which all generators are of size 1 (d,).
+        scale: factors on the coordinates that give all generators a size of 1 (d,).
         program: the linear program.
-        transform: coordinates that the generators supply per coordinate of the system (d', d), None for the same.
+        transform: matrix from the coordinates of the system to those that the generators supply (d', d); None for the
+            identity.
     """
 
     def __init__(self, limit: ContactLimit) -> None:
@@ -143,7 +144,7 @@ def overlooked_rows(
 
 
 def _is_certain(loads: RequiredWrench) -> bool:
-    """Return whether the parameters have no intervals, so that a program's answer is final."""
+    """Return whether no parameter has an interval, so that the answer of a program is final."""
     intervals = len(loads.group) + len(loads.constant_group) + len(loads.remainder_group)
     return intervals == 0 and bool(np.all(loads.lowest == loads.highest))
 
@@ -162,7 +163,7 @@ def _violated_facets(limit: ContactLimit, points: Indices, u: Array, x: Array) -
 def _rows_from(
     wrenches: Array, limit: ContactLimit, program: ForceProgram, points: Indices, u: Array, x: Array
 ) -> tuple[Array, float, int]:
-    """Return rows found from wrenches (M, d): program, dual, the parameters that are worst for it, and again."""
+    """Return rows found from wrenches (M, d): solve the program, find the worst parameters for its dual, and repeat."""
     loads = limit.loads.at(points)
     wrenches = wrenches.copy()
     found, worst, solved = [], -np.inf, 0
@@ -189,7 +190,7 @@ def _rows_from(
 
 
 def _new(rows: Array, limit: ContactLimit) -> Rows:
-    """Return the rows that the limit is not held to yet, with the index of the name of each."""
+    """Return the rows that the limit does not have yet, with the index of the name of each."""
     rows = rows[_distinct(rows, limit.facets)]
     return rows, limit.system.kind_of(rows)
 

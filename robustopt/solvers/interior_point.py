@@ -26,7 +26,7 @@ START = 0.98
 """Factor on x of the feasible timing at the start: a slower timing of the same path has slack in every row."""
 
 RELAXED = 2e-9
-"""Relaxation of rows, as a fraction of their limits: twice the tolerance of the passes."""
+"""Relaxation of rows, as a fraction of their limits: twice the tolerance of `reachability.passes`."""
 
 TO_BOUNDARY = 0.95
 """Share of the way to the nearest bound that a step may take."""

@@ -92,7 +92,7 @@ def _minimise(
 
 
 class _Stop(ca.Callback):  # type: ignore[misc]
-    """Callback that ends Ipopt within a few iterations of an interruption; Ipopt would report an exception itself."""
+    """Callback that ends Ipopt within a few iterations of an interruption; an exception would be caught by Ipopt."""
 
     def __init__(self, variables: int, rows: int, interruptions: list[int]) -> None:
         """Make the callback of a program; `interruptions` is filled by the handler of signals."""

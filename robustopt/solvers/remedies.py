@@ -1,4 +1,4 @@
-"""Candidates for remedies: keys of a configuration that bear on limits in conflict, with their most generous values."""
+"""Candidates for remedies: keys of a configuration that affect limits in conflict, with their most generous values."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Candidate:
     """A key of the configuration that may be changed.
 
     Attributes:
-        key: the key, as users read it.
+        key: the key, as in the user's configuration.
         found: present value.
         generous: most generous value to try.
         write: function that returns the changes of the configuration for a value.
@@ -62,7 +62,7 @@ class Candidate:
 
 
 def candidates(problem: TimeScalingProblem, conflict: Collection[str]) -> Iterator[Candidate]:
-    """Yield the keys that bear on limits in conflict.
+    """Yield the keys that affect limits in conflict.
 
     Args:
         problem: the problem.
@@ -130,7 +130,7 @@ def _body_candidates(problem: TimeScalingProblem, loaded: set[str]) -> Iterator[
 
 
 def _loaded(problem: TimeScalingProblem, touched: Collection[str], torque: bool) -> set[str]:
-    """Return the bodies whose mass and centre of mass bear on the contacts that are touched, or on joint torques."""
+    """Return the bodies whose mass and centre of mass affect the `touched` contacts, or joint torques."""
     config = problem.config
     if torque or set(touched) & set(config.environment_contacts):
         return {*config.uncertainty.center_of_mass, *config.uncertainty.mass}
@@ -174,7 +174,7 @@ def _shrinking(key: str, note: str, largest: float, values: Any) -> Iterator[Can
 
 
 def _friction_candidates(config: Config, touched: Collection[str]) -> Iterator[Candidate]:
-    """Yield the one coefficient of friction of all contacts, or the coefficient of each that has its own."""
+    """Yield the coefficient of friction that all contacts share, or the coefficients that single contacts have."""
     interval, known = config.uncertainty.friction, friction(config)
     base = "contact.friction" if interval is None else "uncertainty.friction"
     source = config.contact.friction if interval is None else interval

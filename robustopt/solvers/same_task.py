@@ -1,4 +1,4 @@
-"""A configuration that stands beside a plan: it must be of the same task."""
+"""Check that a configuration and a plan belong to the same task."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from robustopt.solvers.plan import Plan
 
 
 def require_same_task(config: Config, plan: Plan) -> None:
-    """Check that a configuration is of the robot, path, tray, objects and gravity of a plan.
+    """Check that a configuration has the robot, path, tray, objects and gravity of a plan.
 
-    Frictions, masses and intervals may differ: these are the configuration's own.
+    Frictions, masses and intervals may differ.
 
     Args:
         config: the configuration.

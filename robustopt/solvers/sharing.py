@@ -1,12 +1,12 @@
-"""Shared wrenches: contact forces that keep the joint torques within their limits. One program per grid point.
+"""Shared wrenches: contact forces that keep the joint torques within their limits, one linear program per grid point.
 
     minimise t + penalty m   such that   G lambda = w + m r,   |tau - J^T G lambda| <= (1 + t) tau_max,   lambda, m >= 0
 
-G holds the friction edges of all contacts, w is the required wrench, tau are the torques without contact forces of the
-joints that carry the contacts, and r is a wrench well inside the cone. t is the excess of the most used joint over its
-limit, as a fraction of it, with the best sharing; m is the missing part of a wrench at the very edge of the cone. The
-dual is a row over the generalised force that holds for every sharing. If some parameters violate it, the outer program
-lacks it (our choice).
+The columns of G are the friction edges of all contacts, w is the required wrench, tau are the torques without contact
+forces of the joints that carry the contacts, and r is a wrench well inside the cone. With the best sharing, t is the
+excess of the most loaded joint over its limit, as a fraction of the limit. m is the missing part of a wrench at the
+very edge of the cone. The dual is a row over the generalised force that holds for every sharing. If some parameters
+violate it, the outer program lacks it (our choice).
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ MISS = 1e-5
 """Fraction of the weight by which explicit forces may miss the wrench: a thousandth of half a torque limit."""
 
 ROUNDS = 4
-"""A dual changes which parameters are worst, and these may have another dual."""
+"""Number of rounds: a dual changes which parameters are worst, and these may have another dual."""
 
 STILL = 1e-8
 """Change of u and x, as a fraction of the largest ones, below which an interval end is not searched again."""
 
 CHUNKS = 8
-"""Parts in which the facets of a stance are evaluated, to save memory."""
+"""Number of parts in which the facets of a stance are evaluated, to save memory."""
 
 DOUBTFUL, LESS_DOUBTFUL = 0.5, 0.2
 """Margin, as a fraction of the torque limits, above which explicit forces make a program unnecessary: for the nominal
@@ -84,7 +84,8 @@ class SharingProgram:
             torque: torques of the joints without contact forces (m,) [N m].
 
         Returns:
-            t; the parts y_w (6,), y_tau (m,) and c of the row, with y_w w + y_tau tau + c = t; the forces (K,) [N].
+            The excess t; the parts y_w (6,), y_tau (m,) and c of the row, with y_w w + y_tau tau + c = t; and the
+            forces (K,) [N].
         """
         right = np.r_[wrench * self.scale / self.weight, 1.0 - torque / self.limit, 1.0 + torque / self.limit]
         z, dual = self.program.solve(np.r_[right[:6], self.open], right)
@@ -114,7 +115,7 @@ def program_at(sharing: Sharing, point: int, counted: Flags) -> tuple[SharingPro
 
 
 class SharingSearch:
-    """Search for torque rows that timings violate if contacts share a wrench, one timing after the other.
+    """Search for the torque rows that successive timings violate if contacts share a wrench.
 
     Attributes:
         counted: whether the limit of each joint counts (n,).
@@ -193,7 +194,7 @@ def _rows_from(
 def _worst_for_contacts(sharing: Sharing, points: Indices, u: Array, x: Array) -> Array:
     """Return the generalised forces (M, n) for the parameters with the least margin of the contacts.
 
-    With these a weak limb may have to carry a part that the others cannot.
+    With these parameters a weak limb may have to carry a load that the other limbs cannot carry.
     """
     worst = np.empty((len(points), len(sharing.limit)))
     for stance in np.unique(sharing.standing[points]):

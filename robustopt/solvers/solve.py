@@ -81,7 +81,7 @@ def _refused(problem: TimeScalingProblem, method: str) -> Plan | None:
 
 
 def _repeated(plan: Plan, method: str, figures: dict[str, float]) -> Plan:
-    """Return the plan after rounds of missing rows and relinearisations, until it needs no more."""
+    """Return the plan after rounds of missing rows and relinearisations, until neither is needed."""
     programs: dict[int, ForceProgram] = {}
     shared: list[SharingSearch] = []
     before = np.inf
@@ -103,7 +103,7 @@ def _repeated(plan: Plan, method: str, figures: dict[str, float]) -> Plan:
 
 
 def _retreated(plan: Plan, method: str) -> Plan:
-    """Return the plan; if it is infeasible, one of the same problem linearised about slower timings."""
+    """Return the plan; if it is infeasible, return one of the same problem linearised about slower timings."""
     for _ in range(MOST_RETREATS):
         if plan.status is not Status.INFEASIBLE or np.isnan(plan.problem.reference).all():
             break
@@ -180,15 +180,15 @@ def _with_shared_rows(plan: Plan, search: list[SharingSearch], figures: dict[str
 
 
 def _contacts_count(problem: TimeScalingProblem) -> bool:
-    """Return whether all limits of all contacts count: without them no forces share a wrench."""
+    """Return whether all limits of all contacts are part of the problem; otherwise no forces share a wrench."""
     return problem.kept is None or all(problem.kept.issuperset(limit.names) for limit in problem.limits.contacts)
 
 
 def _relinearised(plan: Plan, before: float) -> TimeScalingProblem | None:
-    """Return the problem with the viscous torque linearised about its plan, None if there is no need.
+    """Return the problem with the viscous torque linearised about its plan, None if this is not needed.
 
-    There is none once the plan holds the exact torque and has settled: `before` is the duration of the plan that the
-    linearisation is about [s].
+    It is not needed once the plan keeps the limits on the exact torque and has settled: `before` is the duration of the
+    plan that the linearisation is about [s].
     """
     problem = plan.problem
     if not problem.limits.torque.viscous.any():

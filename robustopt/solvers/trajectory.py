@@ -48,7 +48,8 @@ class Samples:
     Attributes:
         t: time from the start, shape (T,), [s].
         s, sd, sdd: position, speed and acceleration along the path, shape (T,), [1], [1/s], [1/s^2].
-        q, qd, qdd: joint position, velocity and acceleration, shape (T, n), [rad or m] and per [s], [s^2].
+        q, qd, qdd: joint position, velocity and acceleration, shape (T, n), [rad or m], [rad/s or m/s], [rad/s^2 or
+            m/s^2].
     """
 
     t: Array
@@ -81,7 +82,7 @@ class Trajectory:
 
     @classmethod
     def from_plan(cls, plan: Plan, speed: float = 1.0) -> Trajectory:
-        """Make the trajectory of a plan, run `speed` times as fast: s_run(t) = s_plan(speed t).
+        """Make the trajectory of a plan that is executed `speed` times as fast: s_run(t) = s_plan(speed t).
 
         Args:
             plan: a plan with a timing.
@@ -329,7 +330,7 @@ def columns(samples: Samples, joint_names: tuple[str, ...]) -> tuple[list[str], 
         joint_names: names of the joints.
 
     Returns:
-        Heads of the columns, and rows (T, columns).
+        Column headings, and rows (T, columns).
     """
     scalars = np.stack([samples.t, samples.s, samples.sd, samples.sdd], axis=1)
     rows = np.hstack([scalars, samples.q, samples.qd, samples.qdd])
