@@ -52,7 +52,7 @@ class Level:
     samples: random values of everything
     per_program: instants of each sample at which contacts that share are looked at
     shared_torques: instants of all stances on several contacts at which the torques are looked at
-    most_work: most instants times contact points, kept to by leaving intervals out
+    most_work: instants times contact points above which each interval is looked at in its middle alone
     effort: most of these times samples, kept to by taking fewer
     """
 
@@ -116,7 +116,7 @@ class Certificate:
     worst: where and for which values it is found
     samples: random samples of all uncertain values
     tests: utilisations that were computed or bounded
-    intervals, intervals_checked: of the plan, and the number of those that were looked at
+    intervals: number of intervals of the plan, all of which were looked at
     seconds: time it took
     """
 
@@ -130,7 +130,6 @@ class Certificate:
     tests: int
     instants: int
     intervals: int
-    intervals_checked: int
     seconds: float = field(compare=False)
 
     @property
@@ -138,8 +137,6 @@ class Certificate:
         """Return the result in a few sentences, with advice if solvers cannot do better on their grid."""
         verdict = "passes" if self.passed else "fails"
         effort = f"{self.level}: {self.samples} samples, {self.tests} tests"
-        if self.intervals_checked < self.intervals:
-            effort += f", {self.intervals_checked} of {self.intervals} intervals"
         advice = ""
         if not self.passed and not self.worst.on_grid:
             advice = f" The grid is too coarse there: try more solver.collocation_points than {self.intervals}."
@@ -181,8 +178,9 @@ def certify(plan: Plan, level: str = "quick", seed: int = 0, config: Config | No
     began = time.perf_counter()
     config, how = config or plan.problem.config, LEVELS[level]
     intervals = int(np.count_nonzero(np.diff(plan.s) > 0.0))
-    between, every = _thinned(how, intervals, contact_points(config))
-    at = instants(plan, between, every)
+    points = max(contact_points(config), FEW_POINTS)
+    few = intervals * (2 + len(how.between)) * points <= how.most_work
+    at = instants(plan, how.between if few else (0.5,))
     world, tally = build_world(config, plan.problem.robot, plan.problem.path, stances(plan, at)), Tally(at.grid)
     _check_timing(plan, at, tally)
     samples = _check(plan, world, at, how, np.random.default_rng(seed), tally)
@@ -198,17 +196,8 @@ def certify(plan: Plan, level: str = "quick", seed: int = 0, config: Config | No
         tests=tally.tests,
         instants=len(at.s),
         intervals=intervals,
-        intervals_checked=-(-intervals // every),
         seconds=time.perf_counter() - began,
     )
-
-
-def _thinned(how: Level, intervals: int, points: int) -> tuple[tuple[float, ...], int]:
-    """Return the places in each interval and the step between intervals that keep to the level's work."""
-    between, most = how.between, how.most_work // max(points, FEW_POINTS)
-    if intervals * (2 + len(between)) > most:
-        between = (0.5,)
-    return between, max(1, -(-intervals * (2 + len(between)) // most))
 
 
 def _check(plan: Plan, world: World, at: Instants, how: Level, rng: np.random.Generator, tally: Tally) -> int:
