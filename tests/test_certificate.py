@@ -577,13 +577,12 @@ def test_misuse() -> None:
         certify(plan)
 
 
-def test_a_long_grid_is_thinned_and_says_so() -> None:
+def test_every_interval_of_a_long_grid_is_looked_at() -> None:
+    """At both ends and, as there are many, in the middle alone; twice as still standing."""
     config = on_slide({"box": LOW}, 0.5)
     certificate = certify(there_and_stop(config, 1.0, intervals=3000))
-    assert certificate.instants < 3200
     assert certificate.intervals == 3000
-    assert certificate.intervals_checked == 1000
-    assert "1000 of 3000 intervals" in certificate.sentence
+    assert 9000 < certificate.instants < 9010
 
 
 # Plans ----------------------------------------------------------------------------------------------------

@@ -281,7 +281,6 @@ def test_a_limit_that_no_forces_hold_is_the_smallest_margin():
         "tests": 9,
         "instants": 1,
         "intervals": 1,
-        "intervals_checked": 1,
     }
     found = {"worst": worst, "margins": margins, "passed": False, "margin": -np.inf, "seconds": 0.1, **effort}
     lines = certificate_rows(CertificateRecord.model_validate(found))

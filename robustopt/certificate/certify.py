@@ -56,7 +56,7 @@ class Level:
         samples: number of sets of random values.
         per_program: instants per sample at which contacts that share a wrench are checked.
         shared_torques: instants, over all stances on several contacts, at which joint torques are checked.
-        most_work: largest number of instants times contact points; intervals are skipped to keep to it.
+        most_work: instants times contact points above which each interval is checked at its middle and ends alone.
         effort: largest number of instants times contact points times samples; samples are left out to keep to it.
     """
 
@@ -134,8 +134,7 @@ class Certificate:
         samples: number of random samples of all uncertain values.
         tests: number of utilisations that were computed or bounded.
         instants: number of instants that were checked.
-        intervals: number of intervals of the plan.
-        intervals_checked: number of intervals that were checked.
+        intervals: number of intervals of the plan, all of which were checked.
         seconds: computing time [s].
     """
 
@@ -149,7 +148,6 @@ class Certificate:
     tests: int
     instants: int
     intervals: int
-    intervals_checked: int
     seconds: float = field(compare=False)
 
     @property
@@ -157,8 +155,6 @@ class Certificate:
         """Return the result in a few sentences, with advice if a finer grid is needed."""
         verdict = "passes" if self.passed else "fails"
         effort = f"{self.level}: {self.samples} samples, {self.tests} tests"
-        if self.intervals_checked < self.intervals:
-            effort += f", {self.intervals_checked} of {self.intervals} intervals"
         advice = ""
         if not self.passed and not self.worst.on_grid:
             advice = f" The grid is too coarse there: try more solver.collocation_points than {self.intervals}."
@@ -201,8 +197,9 @@ def certify(plan: Plan, level: str = "quick", seed: int = 0, config: Config | No
     began = time.perf_counter()
     config, how = config or plan.problem.config, LEVELS[level]
     intervals = int(np.count_nonzero(np.diff(plan.s) > 0.0))
-    between, every = _thinned(how, intervals, contact_points(config))
-    at = instants(plan, between, every)
+    points = max(contact_points(config), FEW_POINTS)
+    few = intervals * (2 + len(how.between)) * points <= how.most_work
+    at = instants(plan, how.between if few else (0.5,))
     world, tally = build_world(config, plan.problem.robot, plan.problem.path, stances(plan, at)), Tally(at.grid)
     _check_timing(plan, at, tally)
     samples = _check(plan, world, at, how, np.random.default_rng(seed), tally)
@@ -218,17 +215,8 @@ def certify(plan: Plan, level: str = "quick", seed: int = 0, config: Config | No
         tests=tally.tests,
         instants=len(at.s),
         intervals=intervals,
-        intervals_checked=-(-intervals // every),
         seconds=time.perf_counter() - began,
     )
-
-
-def _thinned(how: Level, intervals: int, points: int) -> tuple[tuple[float, ...], int]:
-    """Return the places within each interval and the step between intervals that keep to the work of the level."""
-    between, most = how.between, how.most_work // max(points, FEW_POINTS)
-    if intervals * (2 + len(between)) > most:
-        between = (0.5,)
-    return between, max(1, -(-intervals * (2 + len(between)) // most))
 
 
 def _check(plan: Plan, world: World, at: Instants, how: Level, rng: np.random.Generator, tally: Tally) -> int:

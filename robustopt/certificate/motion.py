@@ -48,13 +48,12 @@ class Instants:
     node_piece: Indices
 
 
-def instants(plan: Plan, between: Sequence[float], every: int = 1) -> Instants:
-    """Return instants on every `every`-th interval, at its ends and in between, and at all standstills.
+def instants(plan: Plan, between: Sequence[float]) -> Instants:
+    """Return instants on every interval, at its ends and in between, and at all standstills.
 
     Args:
         plan: the plan.
         between: instants within an interval, as shares of its length, without 0 and 1.
-        every: step from one interval to the next.
     """
     ds = np.diff(plan.s)
     root = np.sqrt(np.maximum(plan.x, 0.0))
@@ -64,7 +63,7 @@ def instants(plan: Plan, between: Sequence[float], every: int = 1) -> Instants:
         duration[moving] = 2.0 * ds[moving] / (root[moving] + root[moving + 1])
     begin = np.concatenate([[0.0], np.cumsum(duration)])
     shares = np.array([0.0, 1.0, *between])
-    interval, share = (values.ravel() for values in np.meshgrid(moving[::every], shares, indexing="ij"))
+    interval, share = (values.ravel() for values in np.meshgrid(moving, shares, indexing="ij"))
     x = plan.x[interval] + 2.0 * share * ds[interval] * plan.u[interval]
     x = np.where(share == 0.0, plan.x[interval], np.where(share == 1.0, plan.x[interval + 1], x))
     way = root[interval] + np.sqrt(np.maximum(x, 0.0))

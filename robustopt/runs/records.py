@@ -140,7 +140,6 @@ class CertificateRecord(Record):
     tests: int
     instants: int
     intervals: int
-    intervals_checked: int
     seconds: float
 
 
