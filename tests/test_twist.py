@@ -146,7 +146,7 @@ def test_a_cup_of_prescribed_pressure_lies_in_the_free_one_and_meets_it_without_
 
 def test_a_twist_alone_is_resisted_at_the_radius_of_the_lip() -> None:
     """Every point slides across its radius: mu F r for a circle, less for a friction polygon that is not in its way."""
-    rows = cup_rows([lip_points(8)], [MU], 64)
+    rows = cup_rows([lip_points(8)], [MU], 64, [0.0])
     step = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0])
     assert step_by_rows(rows, with_force(np.zeros(6)), step) == pytest.approx(MU * F * R, rel=1e-3)
 
@@ -239,4 +239,4 @@ def test_twist_rows_of_a_grip_are_what_uniform_pads_resist(mu: tuple[float, floa
 )
 def test_patches_of_many_points_take_friction_polygons_of_fewer_edges(points: int, edges: int, left: int) -> None:
     assert affordable_edges(points, edges) == left
-    assert len(cup_rows([lip_points(points)], [MU], edges)) <= MOST_ROWS + 2 * points
+    assert len(cup_rows([lip_points(points)], [MU], edges, [0.0])) <= MOST_ROWS + 2 * points

@@ -21,7 +21,7 @@ from robustopt.geometry import RESOLUTION, contact_axes, rectangle
 from robustopt.limits.laws import links
 from robustopt.limits.systems import ContactSystem, system_of
 from robustopt.robot.hands import Hand
-from robustopt.scene.patches import Law, Patch, eroded
+from robustopt.scene.patches import Law, Patch
 from robustopt.scene.placement import TRAY
 
 
@@ -75,10 +75,10 @@ def hand_systems(
     Raises:
         RobotError: a pad reaches beyond the tray.
     """
-    patches = [eroded(patch, shift.get(patch.name, 0.0)) for patch in hand_patches(config, hands)]
+    patches = hand_patches(config, hands)
     edges = config.contact.cone_edges
     found = []
-    for link, hand in zip(links(patches, friction, edges), hands, strict=True):
+    for link, hand in zip(links(patches, friction, edges, shift), hands, strict=True):
         system = system_of(link, (TRAY, *config.objects), edges)
         share = np.eye(system.dimension)
         share[:6, :6] = hand.share

@@ -38,7 +38,7 @@ from robustopt.limits.cones import (
 )
 from robustopt.limits.names import LimitKind, LimitName
 from robustopt.limits.twist import cup_rows, grip_rows
-from robustopt.scene.patches import Law, Patch
+from robustopt.scene.patches import Law, Patch, eroded
 
 NO_ROWS, NO_TIPS = np.zeros((0, 6)), np.zeros(0, dtype=bool)
 
@@ -98,28 +98,38 @@ the object, moments about the carrier's origin, carrier axes; the edges of a con
 
 
 def links(
-    patches: Sequence[Patch], friction: Mapping[str, float], edges: int, laws: Mapping[str, ContactLaw] | None = None
+    patches: Sequence[Patch],
+    friction: Mapping[str, float],
+    edges: int,
+    shift: Mapping[str, float],
+    laws: Mapping[str, ContactLaw] | None = None,
 ) -> tuple[Link, ...]:
     """Return the contacts that some patches form.
+
+    If contact points are uncertain, the cones are those of the eroded patches. The twist needs the nominal ones too,
+    because the pressure moves with its points.
 
     Args:
         patches: the patches; the cups of a part, and the two pads of a gripper, follow each other.
         friction: coefficient of friction of each patch by its name.
         edges: number of edges of each friction cone.
+        shift: largest displacement of each contact point along x and y, by contact; 0 if it is missing [m].
         laws: laws of a user, by the name of the contact.
     """
     found, own = [], laws or {}
     for _, group in groupby(patches, lambda patch: (patch.object, patch.support, patch.name in own)):
-        parts = tuple(group)
+        nominal = tuple(group)
+        reach = tuple(shift.get(patch.name, 0.0) for patch in nominal)
+        parts = tuple(eroded(patch, distance) for patch, distance in zip(nominal, reach, strict=True))
         first, mu = parts[0], tuple(friction[patch.name] for patch in parts)
         if first.name in own:
             found += [_users(patch, own[patch.name](patch, friction[patch.name], edges)) for patch in parts]
         elif first.law is Law.FRICTION:
             found.append(_friction(first, mu[0], edges))
         elif first.law is Law.SUCTION:
-            found.append(_suction(parts, mu, edges))
+            found.append(_suction(parts, mu, edges, nominal, reach))
         else:
-            found.append(_grip(parts, mu, edges))
+            found.append(_grip(parts, mu, edges, nominal, reach))
     return tuple(found)
 
 
@@ -156,8 +166,10 @@ def _friction(patch: Patch, mu: float, edges: int) -> Link:
     return Link((patch,), generators, generators.shape[1], rows, tips, NO_ROWS)
 
 
-def _suction(lips: tuple[Patch, ...], mu: tuple[float, ...], edges: int) -> Link:
-    """Return the contact of all cups of a part, whose lips lie in one plane."""
+def _suction(
+    lips: tuple[Patch, ...], mu: tuple[float, ...], edges: int, nominal: tuple[Patch, ...], reach: tuple[float, ...]
+) -> Link:
+    """Return the contact of all cups of a part, whose lips lie in one plane; `lips` are the eroded ones."""
     cones = [wrench_generators(lip.points, own, edges, lip.axes) for lip, own in zip(lips, mu, strict=True)]
     normal = lips[0].axes[:, 2]
     press = np.array([[*normal, *np.cross(_centred(lip)[0], normal)] for lip in lips]).T
@@ -171,8 +183,8 @@ def _suction(lips: tuple[Patch, ...], mu: tuple[float, ...], edges: int) -> Link
     twist = np.zeros((0, 6 + len(lips)))
     if whole.fixed:
         centre, _ = _centred(whole)
-        local = [(lip.points - centre) @ whole.axes[:, :2] for lip in lips]
-        twist = _extended(cup_rows(local, mu, edges), _into_patch(whole))
+        local = [(lip.points - centre) @ whole.axes[:, :2] for lip in nominal]
+        twist = _extended(cup_rows(local, mu, edges, reach), _into_patch(whole))
     return Link(lips, generators, generators.shape[1] - len(lips), rows, tips, twist)
 
 
@@ -192,17 +204,20 @@ def _extended(rows: Array, into: Array) -> Array:
     return np.column_stack([rows[:, :6] @ into, rows[:, 6:]])
 
 
-def _grip(pads: tuple[Patch, ...], mu: tuple[float, ...], edges: int) -> Link:
+def _grip(
+    pads: tuple[Patch, ...], mu: tuple[float, ...], edges: int, nominal: tuple[Patch, ...], reach: tuple[float, ...]
+) -> Link:
+    """Return the contact of two pads, of which `pads` are the eroded ones."""
     driven, fixed = pads
     sides = [wrench_generators(patch.points, m, edges, patch.axes) for patch, m in zip(pads, mu, strict=True)]
     closing = np.repeat([1.0, 0.0], [side.shape[1] for side in sides])
     generators = np.vstack([np.hstack(sides), closing])
-    centre, local = _centred(fixed)
+    centre, _ = _centred(fixed)
     rows = _grip_facets(driven, fixed, mu, edges)
     twist = np.zeros((0, 7))
     if driven.fixed:
-        opposite = (driven.points - centre) @ fixed.axes[:, :2]
-        twist = _extended(grip_rows(opposite, local, mu, edges), _into_patch(fixed))
+        opposite, local = ((pad.points - centre) @ fixed.axes[:, :2] for pad in nominal)
+        twist = _extended(grip_rows(opposite, local, mu, edges, reach), _into_patch(fixed))
     tips = np.zeros(0 if rows is None else len(rows), dtype=bool)
     return Link(pads, generators, generators.shape[1], rows, tips, twist)
 

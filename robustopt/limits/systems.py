@@ -18,7 +18,7 @@ from robustopt.config import Config
 from robustopt.limits.cones import about_point, tipping_rows
 from robustopt.limits.laws import ContactLaw, Link, links
 from robustopt.limits.names import LimitKind, LimitName
-from robustopt.scene.patches import eroded, patches
+from robustopt.scene.patches import patches
 from robustopt.scene.placement import supports
 
 SLIPS, TIPS, TWIST = range(3)
@@ -110,8 +110,7 @@ def object_systems(
         shift: largest distance of each contact point from its nominal position along x and y, by contact [m].
         laws: laws of a user, by the name of the contact.
     """
-    left = [eroded(patch, shift.get(patch.name, 0.0)) for patch in patches(config)]
-    found = links(left, friction, config.contact.cone_edges, laws)
+    found = links(patches(config), friction, config.contact.cone_edges, shift, laws)
     return tuple(_system(config, group, [link for link in found if link.object in group]) for group in _groups(config))
 
 

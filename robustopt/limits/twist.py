@@ -25,6 +25,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
+from itertools import product
 
 import numpy as np
 
@@ -40,10 +41,16 @@ MOST_ROWS = 60_000
 """Rows above which friction polygons of fewer edges are taken: 55,552 for a lip of 8 points at 64 edges."""
 
 
-def affordable_edges(points: int, edges: int) -> int:
-    """Return the largest number of edges, halved from the configured one, that needs no more than `MOST_ROWS` rows."""
+def affordable_edges(points: int, edges: int, placements: int = 1) -> int:
+    """Return the largest number of edges, halved from the configured one, that needs no more than `MOST_ROWS` rows.
+
+    Args:
+        points: number of contact points.
+        edges: configured number of edges of a friction polygon.
+        placements: number of placements of the points.
+    """
     lines = _edge_directions(edges)
-    while points * (points - 1) * lines * (lines - 1) > MOST_ROWS:
+    while placements * points * (points - 1) * lines * (lines - 1) > MOST_ROWS:
         edges //= 2
         lines = _edge_directions(edges)
     return edges
@@ -96,69 +103,101 @@ def motions(points: Array, edges: int) -> Array:
     return np.vstack([turns, -turns])
 
 
-def resistance(points: Array, y: Array, edges: int) -> Array:
-    """Return h(v_i(y)) of every contact point for every motion, (k, n): power of friction per mu and normal force.
+def resistance(points: Array, y: Array, edges: int, reach: Array) -> Array:
+    """Return the least h(v_i(y)) of every contact point for every motion, (k, n): power of friction per mu and N_i.
+
+    A point may be anywhere in its square, which changes its velocity by up to reach |y_z| along each axis.
 
     Args:
-        points: contact points in the plane of the patch (n, 2) [m].
+        points: nominal contact points in the plane of the patch (n, 2) [m].
         y: motions (k, 3).
         edges: number of edges of a friction polygon.
+        reach: largest displacement of each point along each axis (n,) [m].
     """
     angle = 2 * np.pi * np.arange(edges) / edges
     across = np.stack([-points[:, 1], points[:, 0]], axis=1)
     velocity = y[:, None, :2] + y[:, 2:, None] * across[None]
-    best = np.full(velocity.shape[:2], -np.inf)
+    swing = np.abs(y[:, 2:]) * reach
+    best = np.zeros(velocity.shape[:2])
     for c, s in zip(np.cos(angle), np.sin(angle), strict=True):
-        best = np.maximum(best, velocity[..., 0] * c + velocity[..., 1] * s)
+        best = np.maximum(best, velocity[..., 0] * c + velocity[..., 1] * s - (abs(c) + abs(s)) * swing)
     return best
 
 
-def cup_rows(lips: Sequence[Array], mu: Sequence[float], edges: int) -> Array:
+def displaced(points: Array, reach: Array) -> tuple[Array, ...]:
+    """Return placements of contact points whose twist is bounded for all: nominal, drawn in, and shifted as a whole.
+
+    The least friction of each point is exact, whatever the others do (see `resistance`). The motions and the elastic
+    pressure are those of these placements alone (our choice); the certificate searches all of them.
+
+    Args:
+        points: nominal contact points about the centre (n, 2) [m].
+        reach: largest displacement of each point along each axis (n,) [m].
+    """
+    if not np.any(reach):
+        return (points,)
+    d = reach[:, None]
+    shifts = [np.array(sign) * d for sign in product((-1.0, 1.0), repeat=2)]
+    drawn_in = np.sign(points) * np.maximum(np.abs(points) - d, 0.0)
+    return points, drawn_in, *(points + shift for shift in shifts)
+
+
+def cup_rows(lips: Sequence[Array], mu: Sequence[float], edges: int, reach: Sequence[float]) -> Array:
     """Return the twist rows of K cups with elastic lips, over their wrench and vacuum forces, (k, 6 + K).
 
     The vacuums pull at the centres of their lips. The part is rigid, so the normal forces of all lips are one linear
     function of the place: those of least squares among all that supply the normal force f_z + sum F_k and the moments.
 
     Args:
-        lips: contact points of each lip about a common point, in the axes of the cups (n, 2) [m].
+        lips: nominal contact points of each lip about a common point, in the axes of the cups (n, 2) [m].
         mu: coefficient of friction of each lip.
         edges: number of edges of a friction polygon.
+        reach: largest displacement of the contact points of each lip along each axis [m].
 
     Returns:
         Rows on (f, m, F), wrench about that point in the axes of the cups, scaled to -1 of the normal force.
     """
-    points, friction = np.vstack(lips), np.repeat(mu, [len(lip) for lip in lips])
-    edges = affordable_edges(len(points), edges)
-    y = motions(points, edges)
-    balance = np.stack([np.ones(len(points)), points[:, 1], -points[:, 0]])
-    normals = balance.T @ np.linalg.inv(balance @ balance.T)
-    power = resistance(points, y, edges) * friction @ normals
+    sizes = [len(lip) for lip in lips]
+    points, friction, swing = np.vstack(lips), np.repeat(mu, sizes), np.repeat(reach, sizes)
+    places = displaced(points, swing)
+    edges = affordable_edges(len(points), edges, len(places))
     pulls = np.array([[1.0, *(lip.mean(axis=0) @ [[0.0, -1.0], [1.0, 0.0]])] for lip in lips]).T
-    rows = np.zeros((len(y), 6 + len(lips)))
-    rows[:, [0, 1, 5]] = y
-    rows[:, [2, 3, 4]] = -power
-    rows[:, 6:] = -power @ pulls
-    return np.asarray(rows / power[:, :1])
+    found = []
+    for place in places:
+        y = motions(place, edges)
+        balance = np.stack([np.ones(len(points)), place[:, 1], -place[:, 0]])
+        normals = balance.T @ np.linalg.inv(balance @ balance.T)
+        power = resistance(points, y, edges, swing) * friction @ normals
+        rows = np.zeros((len(y), 6 + len(lips)))
+        rows[:, [0, 1, 5]] = y
+        rows[:, [2, 3, 4]] = -power
+        rows[:, 6:] = -power @ pulls
+        found.append(rows / power[:, :1])
+    return np.vstack(found)
 
 
-def grip_rows(driven: Array, fixed: Array, mu: Sequence[float], edges: int) -> Array:
+def grip_rows(driven: Array, fixed: Array, mu: Sequence[float], edges: int, reach: Sequence[float]) -> Array:
     """Return the twist rows of a grip with uniform normals, over the wrench and the closing force, (k, 7).
 
     Each of the n corners of the driven pad presses with F / n, each corner of the fixed pad with (F + f_z) / n.
 
     Args:
-        driven: contact points of the driven pad in the plane of the fixed pad, about its centre (n, 2) [m].
-        fixed: contact points of the fixed pad there (n, 2) [m].
+        driven: nominal contact points of the driven pad in the plane of the fixed pad, about its centre (n, 2) [m].
+        fixed: nominal contact points of the fixed pad there (n, 2) [m].
         mu: coefficients of friction of the two pads.
         edges: number of edges of a friction polygon.
+        reach: largest displacement of the contact points of each pad along each axis [m].
 
     Returns:
         Rows on (f, m, F), wrench about the centre of the pads in the axes of the fixed pad, scaled to -1 of F.
     """
-    edges = affordable_edges(len(driven) + len(fixed), edges)
-    y = motions(np.vstack([driven, fixed]), edges)
-    on_driven = mu[0] * resistance(driven, y, edges).mean(axis=1)
-    on_fixed = mu[1] * resistance(fixed, y, edges).mean(axis=1)
+    points, swing = np.vstack([driven, fixed]), np.repeat(reach, [len(driven), len(fixed)])
+    places = displaced(points, swing)
+    edges = affordable_edges(len(points), edges, len(places))
+    y = np.vstack([motions(place, edges) for place in places])
+    least = resistance(points, y, edges, swing)
+    on_driven = mu[0] * least[:, : len(driven)].mean(axis=1)
+    on_fixed = mu[1] * least[:, len(driven) :].mean(axis=1)
     rows = np.zeros((len(y), 7))
     rows[:, [0, 1, 5]] = y
     rows[:, 2] = -on_fixed
