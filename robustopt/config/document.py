@@ -13,11 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from yaml.composer import Composer, ComposerError
-from yaml.parser import Parser
-from yaml.reader import Reader, ReaderError
-from yaml.resolver import BaseResolver
-from yaml.scanner import Scanner
+from yaml.composer import ComposerError
+from yaml.reader import ReaderError
 
 from robustopt.errors import ConfigError, ConfigProblem
 
@@ -30,15 +27,8 @@ MOST_VALUES = 200_000
 _TAG = "tag:yaml.org,2002:"
 
 
-class _Loader(Reader, Scanner, Parser, Composer, BaseResolver):
+class _Loader(yaml.BaseLoader):
     """YAML loader that composes nodes and knows only the plain scalars below."""
-
-    def __init__(self, text: str) -> None:
-        Reader.__init__(self, text)
-        Scanner.__init__(self)
-        Parser.__init__(self)
-        Composer.__init__(self)
-        BaseResolver.__init__(self)
 
 
 _SIGN_OR_DIGIT = list("-+.0123456789")
