@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from robustopt.config.document import Key, show_key
+from robustopt.config.document import Finding, Key, show_key
 from robustopt.config.held_check import check_all_held
 from robustopt.config.model import Config
 from robustopt.config.object_model import ObjectConfig, TrayConfig
@@ -20,9 +20,6 @@ from robustopt.config.scene_check import check_scene, same_scene
 from robustopt.config.step_check import check_steps
 from robustopt.geometry import RESOLUTION
 from robustopt.scene.placement import TRAY, supports
-
-Finding = tuple[Key, str]
-"""Key of a mistake, and a message: the value that was found, and the values that are expected."""
 
 
 def check(config: Config, names: Collection[str] | None = None, like: Config | None = None) -> Iterator[Finding]:

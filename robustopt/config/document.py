@@ -21,6 +21,9 @@ from robustopt.errors import ConfigError, ConfigProblem
 Key = tuple[str | int, ...]
 """Path to a value: names of keys and positions in lists."""
 
+Finding = tuple[Key, str]
+"""Key of a mistake, and a message: the value that was found, and the values that are expected."""
+
 MOST_VALUES = 200_000
 """Largest number of values in a document: aliases of aliases can make a small file grow without bound."""
 

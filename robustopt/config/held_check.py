@@ -8,13 +8,11 @@ from itertools import combinations
 import numpy as np
 
 from robustopt.arrays import Array
-from robustopt.config.document import Key
+from robustopt.config.document import Finding, Key
 from robustopt.config.model import Config
 from robustopt.config.object_model import GripConfig, HoldConfig, ObjectConfig, SuctionConfig
 from robustopt.geometry import RESOLUTION
 from robustopt.scene.placement import FACES, half_extents, part_in_hold
-
-Finding = tuple[Key, str]
 
 
 def _check_held(name: str, body: ObjectConfig) -> Iterator[Finding]:
