@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from robustopt.config.document import Finding, Key, show_key
-from robustopt.config.held_check import check_all_held
+from robustopt.config.held_check import check_held
 from robustopt.config.model import Config
 from robustopt.config.object_model import ObjectConfig, TrayConfig
 from robustopt.config.path_model import FramePose
@@ -37,20 +37,21 @@ def check(config: Config, names: Collection[str] | None = None, like: Config | N
     if like is None or config.path is not like.path:
         yield from _path(config)
     yield from _solver(config)
+    shapes = [finding for name, body in config.objects.items() for finding in _shape(("objects", name), body)]
+    yield from shapes
     for name, body in config.objects.items():
-        yield from _shape(("objects", name), body)
         yield from _inertia(("objects", name, "inertia"), body)
     if config.tray is not None:
         yield from _inertia(("tray", "inertia"), config.tray)
     yield from _intervals(config)
     yield from _references(config, names)
-    held = list(check_all_held(config)) if not any(_shapes(config)) else []
+    held = [] if shapes else [finding for item in config.objects.items() for finding in check_held(*item)]
     yield from held
     standing = [*_standing(config, names), *_without_tray(config)]
     yield from standing
     whole = set(names) == set(config.objects) and not held and not standing
     known = like is not None and same_scene(config, like)
-    if whole and not known and not any(_shapes(config)):
+    if whole and not known and not shapes:
         yield from check_scene(config)
 
 
@@ -64,11 +65,6 @@ def _without_tray(config: Config) -> Iterator[Finding]:
         yield ("tray",), f"missing, but {reason}; expected a section with the keys {fields}, or {remedy}"
     if config.tray is not None and config.path.tool_poses is not None:
         yield ("path", "tool_poses"), "not allowed with a tray; expected tray_poses, the poses of the tray's centre"
-
-
-def _shapes(config: Config) -> Iterator[Finding]:
-    for name, body in config.objects.items():
-        yield from _shape(("objects", name), body)
 
 
 # Names ----------------------------------------------------------------------------------------------------

@@ -9,14 +9,18 @@ import numpy as np
 
 from robustopt.arrays import Array
 from robustopt.config.document import Finding, Key
-from robustopt.config.model import Config
 from robustopt.config.object_model import GripConfig, HoldConfig, ObjectConfig, SuctionConfig
 from robustopt.geometry import RESOLUTION
 from robustopt.scene.placement import FACES, half_extents, part_in_hold
 
 
-def _check_held(name: str, body: ObjectConfig) -> Iterator[Finding]:
-    """Yield the mistakes in the cups or the gripper of one object."""
+def check_held(name: str, body: ObjectConfig) -> Iterator[Finding]:
+    """Yield the mistakes in the cups or the gripper that hold an object.
+
+    Args:
+        name: name of the object.
+        body: the object.
+    """
     key: Key = ("objects", name)
     if body.held_by is None:
         return
@@ -96,13 +100,3 @@ def _pads(key: Key, body: ObjectConfig, hold: GripConfig) -> Iterator[Finding]:
                 f"a pad of {size:g} m reaches {1000 * beyond:.3g} mm beyond the part, which is {2 * room:g} m wide "
                 "there; expected pads that lie on the part",
             )
-
-
-def check_all_held(config: Config) -> Iterator[Finding]:
-    """Yield the mistakes in the cups and grippers that hold the objects of a configuration.
-
-    Args:
-        config: the configuration.
-    """
-    for name, body in config.objects.items():
-        yield from _check_held(name, body)
