@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from robustopt.config.document import Finding, Key, show_key
+from robustopt.config.document import Finding, Key, show_key, split_key
 from robustopt.config.held_check import check_held
 from robustopt.config.model import Config
 from robustopt.config.object_model import ObjectConfig, TrayConfig
@@ -87,37 +87,47 @@ def _unknown(name: str, valid: Collection[str]) -> str:
     return f"nothing is called {name}; {hint}expected one of {', '.join(valid) or 'no name, as there are no objects'}"
 
 
+_BY_CONTACT = (
+    "contact.friction", "uncertainty.friction", "uncertainty.contact_points", "execution.truth.friction",
+    "execution.truth.variation.friction",
+)  # fmt: skip
+_BY_HELD_BODY = ("execution.truth.force", "execution.truth.variation.force")
+_BY_BODY = (
+    "uncertainty.mass", "uncertainty.center_of_mass", "execution.truth.mass", "execution.truth.center_of_mass",
+    "execution.truth.inertia", "execution.truth.variation.mass", "execution.truth.variation.center_of_mass",
+)  # fmt: skip
+"""Keys whose values can be given by the name of a contact, of a held object or tray, or of any body."""
+
+
 def _references(config: Config, names: Collection[str]) -> Iterator[Finding]:
-    yield from _per_interface(config, names)
+    """Yield unknown names."""
+    contacts = tuple(dict.fromkeys([*config.interfaces, *config.interfaces.values(), *names]))
+    held = [name for name, body in config.objects.items() if body.held_by is not None]
+    held += [TRAY] if config.tray is not None and config.tray.hands is not None else []
+    yield from _unknown_names(config, ("execution.truth.contact_inset",), contacts)
+    yield from _unknown_names(config, _BY_HELD_BODY, held)
+    yield from _unknown_names(config, _BY_CONTACT, (*contacts, "default"))
+    yield from _contacts_without_friction(config, names)
     if config.path.steps is None:  # with steps a name may be a body of the robot, whose model is not read yet
-        yield from _per_body(config, (TRAY, *names))
+        bodies = (TRAY, *names)
+        on = config.execution.disturbance.on if config.execution is not None else None
+        if on is not None and on not in bodies:
+            yield ("execution", "disturbance", "on"), _unknown(on, bodies)
+        yield from _unknown_names(config, _BY_BODY, bodies)
 
 
-def _per_interface(config: Config, names: Collection[str]) -> Iterator[Finding]:
-    """Yield unknown names of contacts, and contacts without friction."""
-    contacts = dict.fromkeys([*config.interfaces, *config.interfaces.values(), *names])
-    truth: Key = ("execution", "truth")
-    given: list[tuple[Key, Any]] = [
-        (("contact", "friction"), config.contact.friction),
-        (("uncertainty", "friction"), config.uncertainty.friction),
-        (("uncertainty", "contact_points"), config.uncertainty.contact_points),
-    ]
-    if config.execution is not None:
-        actual = config.execution.truth
-        given += [
-            ((*truth, "friction"), actual.friction),
-            ((*truth, "variation", "friction"), actual.variation.friction),
-        ]
-        yield from _unknown_names((*truth, "contact_inset"), actual.contact_inset, tuple(contacts))
-        held = [name for name, body in config.objects.items() if body.held_by is not None]
-        held += [TRAY] if config.tray is not None and config.tray.hands is not None else []
-        for key, forces in (
-            ((*truth, "force"), actual.force),
-            ((*truth, "variation", "force"), actual.variation.force),
-        ):
-            yield from _unknown_names(key, forces, held)
-    for key, values in given:
-        yield from _unknown_names(key, values, (*contacts, "default"))
+def _unknown_names(config: Config, keys: Sequence[str], valid: Collection[str]) -> Iterator[Finding]:
+    """Yield the names in the values at some keys that are none of the valid ones."""
+    for key in map(split_key, keys):
+        values: Any = config
+        for part in key:
+            values = getattr(values, str(part), None)
+        for name in values if isinstance(values, Mapping) else ():
+            if name not in valid:
+                yield (*key, name), _unknown(name, valid)
+
+
+def _contacts_without_friction(config: Config, names: Collection[str]) -> Iterator[Finding]:
     friction = config.contact.friction
     if isinstance(friction, Mapping) and "default" not in friction:
         known = {**dict.fromkeys(names, ""), **config.interfaces}
@@ -125,36 +135,8 @@ def _per_interface(config: Config, names: Collection[str]) -> Iterator[Finding]:
         missing = [name for name, owner in known.items() if name not in friction and owner not in friction]
         if missing := [name for name in missing if name not in objects]:
             kind = "object" if config.path.steps is None else "contact"
-            yield (
-                ("contact", "friction"),
-                f"no value for {', '.join(missing)}; expected one for each {kind}, or `default`",
-            )
-
-
-def _per_body(config: Config, bodies: Collection[str]) -> Iterator[Finding]:
-    """Yield unknown names of bodies."""
-    uncertain = config.uncertainty
-    given: list[tuple[Key, Any]] = [
-        (("uncertainty", "mass"), uncertain.mass),
-        (("uncertainty", "center_of_mass"), uncertain.center_of_mass),
-    ]
-    execution = config.execution
-    if execution is not None:
-        for section, actual in (((), execution.truth), (("variation",), execution.truth.variation)):
-            for kind in ("mass", "center_of_mass", "inertia"):
-                given.append((("execution", "truth", *section, kind), getattr(actual, kind, {})))
-        on = execution.disturbance.on
-        if on is not None and on not in bodies:
-            yield ("execution", "disturbance", "on"), _unknown(on, bodies)
-    for key, values in given:
-        yield from _unknown_names(key, values, bodies)
-
-
-def _unknown_names(key: Key, values: Any, valid: Collection[str]) -> Iterator[Finding]:
-    if isinstance(values, Mapping):
-        for name in values:
-            if name not in valid:
-                yield (*key, name), _unknown(name, valid)
+            message = f"no value for {', '.join(missing)}; expected one for each {kind}, or `default`"
+            yield ("contact", "friction"), message
 
 
 # Path and solver ------------------------------------------------------------------------------------------
