@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from itertools import pairwise
@@ -18,6 +17,7 @@ from robustopt.config.path_model import FramePose
 from robustopt.config.per_name import value_of
 from robustopt.config.scene_check import check_scene, same_scene
 from robustopt.config.step_check import check_steps
+from robustopt.config.words import did_you_mean
 from robustopt.geometry import RESOLUTION
 from robustopt.scene.placement import TRAY, supports
 
@@ -82,9 +82,8 @@ def _names(config: Config, names: Collection[str]) -> Iterator[Finding]:
 
 
 def _unknown(name: str, valid: Collection[str]) -> str:
-    near = difflib.get_close_matches(name, valid, n=1)
-    hint = f"did you mean {near[0]}? " if near else ""
-    return f"nothing is called {name}; {hint}expected one of {', '.join(valid) or 'no name, as there are no objects'}"
+    known = ", ".join(valid) or "no name, as there are no objects"
+    return f"nothing is called {name}; {did_you_mean(name, valid)}expected one of {known}"
 
 
 _BY_CONTACT = (

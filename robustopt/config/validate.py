@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable
 from copy import deepcopy
 from pathlib import Path
@@ -16,7 +15,7 @@ from robustopt.config.document import Document, Key
 from robustopt.config.model import HANDS, Config
 from robustopt.config.object_model import ContactConfig, ObjectConfig
 from robustopt.config.section import Section
-from robustopt.config.words import choices, expected, fields, found, in_unit, purpose, unwrap
+from robustopt.config.words import choices, did_you_mean, expected, fields, found, in_unit, purpose, unwrap
 from robustopt.errors import ConfigError
 
 _PLACEHOLDERS: dict[str, Any] = {
@@ -212,10 +211,8 @@ class _UnknownKey(str):
 
 
 def _unknown(model: type[Section], name: str) -> _UnknownKey:
-    valid = list(fields(model))
-    near = difflib.get_close_matches(name, valid, n=1)
-    hint = f"did you mean {near[0]}? " if near else ""
-    return _UnknownKey(f"unknown key; {hint}expected one of {', '.join(valid)}")
+    valid = fields(model)
+    return _UnknownKey(f"unknown key; {did_you_mean(name, valid)}expected one of {', '.join(valid)}")
 
 
 def _depends(key: Key, bad: Key) -> bool:

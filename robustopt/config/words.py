@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import difflib
 import re
 import types
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from annotated_types import Ge, Gt, Le
@@ -177,6 +178,17 @@ def found(value: Any) -> str:
     if isinstance(value, (list, tuple)):
         return f"the list {_short(str(list(value)))}" if value else "an empty list"
     return f"the text {_short(repr(value))}" if isinstance(value, str) else _short(str(value))
+
+
+def did_you_mean(name: str, valid: Collection[str]) -> str:
+    """Return a question about the valid name that is most similar to an unknown one; empty if none is.
+
+    Args:
+        name: the unknown name.
+        valid: the valid names.
+    """
+    near = difflib.get_close_matches(name, valid, n=1)
+    return f"did you mean {near[0]}? " if near else ""
 
 
 def _short(text: str, most: int = 60) -> str:
