@@ -10,7 +10,6 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 
 from annotated_types import Ge, Gt, Le
 from pydantic.fields import FieldInfo
-from pydantic_core import PydanticUndefined
 
 from robustopt.config.section import Section
 
@@ -152,15 +151,6 @@ def in_unit(info: FieldInfo) -> str:
     """
     symbol = unit(info)
     return f" in {_UNITS.get(symbol, symbol)}" if symbol else ""
-
-
-def default(info: FieldInfo) -> Any:
-    """Return the default of a field, or None if the field is required.
-
-    Args:
-        info: the field.
-    """
-    return None if info.default is PydanticUndefined else info.default
 
 
 def found(value: Any) -> str:
