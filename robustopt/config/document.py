@@ -75,6 +75,16 @@ def _join_keys(outer: str, inner: str) -> str:
     return f"{outer}{'' if not inner or inner.startswith('[') else '.'}{inner}"
 
 
+def shortened(text: str, most: int = 60) -> str:
+    """Return a text, or its beginning and three dots if it is too long for a message.
+
+    Args:
+        text: the text.
+        most: largest number of characters.
+    """
+    return text if len(text) <= most else f"{text[: most - 3]}..."
+
+
 def split_key(text: str) -> Key:
     """Return the key path that a text denotes.
 
@@ -133,7 +143,7 @@ class Document:
         Args:
             text: `key=value`, the value in YAML.
         """
-        location = f"override '{text if len(text) <= 100 else text[:97] + '...'}'"
+        location = f"override '{shortened(text, 100)}'"
         key_text, equals, value_text = text.partition("=")
         if not equals or not key_text.strip():
             message = "found no key=value; expected for example solver.collocation_points=500"
@@ -196,13 +206,9 @@ def _require_place(container: Any, key: Key, part: str | int) -> None:
             message = f"found position {part}; expected 0 to {len(container) - 1}, the entries of {above}"
             raise ConfigError(message, key=show_key(key))
     else:
-        message = f"{above} is {_short(container)}, which has no keys; replace it as a whole: {above}={{{part}: ...}}"
+        found = shortened(repr(container))
+        message = f"{above} is {found}, which has no keys; replace it as a whole: {above}={{{part}: ...}}"
         raise ConfigError(message, key=show_key(key))
-
-
-def _short(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def read_file(path: Path) -> Document:

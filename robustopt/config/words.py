@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 from annotated_types import Ge, Gt, Le
 from pydantic.fields import FieldInfo
 
+from robustopt.config.document import shortened
 from robustopt.config.section import Section
 
 _UNITS = {"m": "metres", "rad": "radians", "kg": "kilograms", "s": "seconds", "N": "newtons"}
@@ -164,10 +165,10 @@ def found(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, dict):
-        return f"a section with the keys {_short(', '.join(map(str, value)))}" if value else "an empty section"
+        return f"a section with the keys {shortened(', '.join(map(str, value)))}" if value else "an empty section"
     if isinstance(value, (list, tuple)):
-        return f"the list {_short(str(list(value)))}" if value else "an empty list"
-    return f"the text {_short(repr(value))}" if isinstance(value, str) else _short(str(value))
+        return f"the list {shortened(str(list(value)))}" if value else "an empty list"
+    return f"the text {shortened(repr(value))}" if isinstance(value, str) else shortened(str(value))
 
 
 def did_you_mean(name: str, valid: Collection[str]) -> str:
@@ -179,7 +180,3 @@ def did_you_mean(name: str, valid: Collection[str]) -> str:
     """
     near = difflib.get_close_matches(name, valid, n=1)
     return f"did you mean {near[0]}? " if near else ""
-
-
-def _short(text: str, most: int = 60) -> str:
-    return text if len(text) <= most else f"{text[: most - 3]}..."
