@@ -222,18 +222,18 @@ def read_file(path: Path) -> Document:
     Raises:
         ConfigError: the file does not exist, cannot be read, or is not UTF-8 text.
     """
-    if path.is_dir():
-        raise ConfigError([ConfigProblem("", "this is a folder; expected a YAML file", str(path))])
-    if not path.is_file():
-        raise ConfigError([ConfigProblem("", "no such file; expected the path of a YAML file", str(path))])
-    try:
-        text = path.read_bytes().decode("utf-8-sig")
-    except OSError as error:
-        raise ConfigError([ConfigProblem("", f"cannot be read: {error.strerror}", str(path))]) from None
-    except UnicodeDecodeError as error:
-        message = f"byte {error.start} is not UTF-8 text; expected a YAML file"
-        raise ConfigError([ConfigProblem("", message, str(path))]) from None
-    return read_text(text, str(path))
+    if path.is_file():
+        try:
+            return read_text(path.read_bytes().decode("utf-8-sig"), str(path))
+        except OSError as error:
+            message = f"cannot be read: {error.strerror}"
+        except UnicodeDecodeError as error:
+            message = f"byte {error.start} is not UTF-8 text; expected a YAML file"
+    elif path.is_dir():
+        message = "this is a folder; expected a YAML file"
+    else:
+        message = "no such file; expected the path of a YAML file"
+    raise ConfigError([ConfigProblem("", message, str(path))])
 
 
 def read_text(text: str, source: str, lines: bool = True) -> Document:
@@ -267,8 +267,6 @@ class _Reader:
             line = text[: error.position].count("\n") + 1
             source = f"{self.source}:{line}" if self.lines else self.source
             self._add((), "not YAML: found a control character; expected printable text", source)
-        except _Refused as error:
-            self._add((), f"not YAML: {error.problem}; {error.remedy}", self._at_mark(error.problem_mark))
         except yaml.MarkedYAMLError as error:
             self._add((), f"not YAML: {error.problem}; {_remedy(error)}", self._at_mark(error.problem_mark))
         except RecursionError:
@@ -356,6 +354,8 @@ class _Refused(yaml.MarkedYAMLError):
 
 
 def _remedy(error: yaml.MarkedYAMLError) -> str:
+    if isinstance(error, _Refused):
+        return error.remedy
     mark = error.problem_mark
     if mark is not None and mark.buffer is not None and mark.buffer[mark.pointer] == "\t":
         return "indent with spaces, not tabs"
