@@ -51,11 +51,8 @@ def validate(document: Document, folder: Path) -> Config:
     related: dict[Key, str] = {}
     if usable is not None:
         names = tuple(data["objects"]) if isinstance(data.get("objects"), dict) else ()
-        if (
-            usable.path.steps is not None
-            and usable.path.rail is None
-            and any(key[:2] == ("path", "rail") for key in doubtful)
-        ):
+        without_rail = usable.path.steps is not None and usable.path.rail is None
+        if without_rail and any(key[:2] == ("path", "rail") for key in doubtful):
             names += HANDS
         for key, message in check(usable, names):
             if not any(_depends(key, bad) for bad in doubtful):
@@ -175,8 +172,7 @@ def _right(key: Key, value: Any) -> str:
     if info is None:
         return f"expected {expected(annotation)}"
     words = expected(annotation, info.metadata if key[-1] in _names(key) else ())
-    number = words.startswith("a number")
-    if number and isinstance(value, str):
+    if isinstance(value, str) and words.startswith("a number"):
         words = words.replace("a number", "a plain number", 1)
     unit = in_unit(info) if "number" in words else ""
     return f"expected {words}{unit} ({purpose(info)})"
