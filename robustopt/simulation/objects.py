@@ -31,7 +31,7 @@ up for half the distance between their 32 corners and the circle, and for the lo
 corners (measured in tests/test_fidelity.py)."""
 
 PASSIVE = {"default": USUAL.default, "contype": 0, "conaffinity": 0}
-_HIDDEN = (0.0, 0.0, 0.0, 0.0)
+HIDDEN = (0.0, 0.0, 0.0, 0.0)
 _COLOURS = ((0.85, 0.45, 0.25), (0.25, 0.5, 0.85), (0.35, 0.65, 0.35), (0.8, 0.7, 0.3))
 
 
@@ -78,10 +78,10 @@ def add_object(
     body.add_geom(name=PREFIX + name, rgba=(*colour, 1.0), **_shape(shape, 0.0), **PASSIVE)
     for base, turn in _bases(name, shape).items():
         size = _shape(shape, parameters.inset.get(name, 0.0), ROUND_GROWTH)
-        body.add_geom(name=base, quat=_yaw_quaternion(turn), rgba=_HIDDEN, **size, **PASSIVE)
+        body.add_geom(name=base, quat=_yaw_quaternion(turn), rgba=HIDDEN, **size, **PASSIVE)
     if shape.radius is not None:
         wide = _shape(shape, 0.0, ROUND_GROWTH / np.cos(np.pi / ROUND_CORNERS))
-        body.add_geom(name=_top(name), rgba=_HIDDEN, **wide, **PASSIVE)
+        body.add_geom(name=_top(name), rgba=HIDDEN, **wide, **PASSIVE)
     return body
 
 
