@@ -115,7 +115,7 @@ def add_pose_sensors(spec: mujoco.MjSpec, config: Config) -> None:
     """
     for name in placements(config):
         for support in supports(config.objects[name]):
-            add_pose_sensor(spec, name, PREFIX + name, _body(support))
+            add_pose_sensor(spec, name, PREFIX + name, body_name(support))
 
 
 def add_pose_sensor(spec: mujoco.MjSpec, name: str, body: str, frame: str) -> None:
@@ -146,8 +146,13 @@ def pose_sensor(model: mujoco.MjModel, name: str, frame: str) -> int:
     return int(model.sensor(f"{PREFIX}{name}_{frame}_mjSENS_FRAMEPOS").adr[0])
 
 
-def _body(support: str) -> str:
-    return CARRIER if support == TRAY else PREFIX + support
+def body_name(name: str) -> str:
+    """Return the name of the body of an object, or of the tray.
+
+    Args:
+        name: name of the object, or `tray`.
+    """
+    return CARRIER if name == TRAY else PREFIX + name
 
 
 def standing(config: Config, model: mujoco.MjModel) -> tuple[Standing, ...]:
@@ -163,7 +168,7 @@ def standing(config: Config, model: mujoco.MjModel) -> tuple[Standing, ...]:
     for name in placements(config):
         shape = config.objects[name]
         for support in supports(shape):
-            upper, lower, sensor = placed[name], placed[support], pose_sensor(model, name, _body(support))
+            upper, lower, sensor = placed[name], placed[support], pose_sensor(model, name, body_name(support))
             step, corners = upper.planar - lower.planar, _base_corners(shape)
             position, yaw = np.r_[rotation(-lower.yaw) @ step[:2], step[2]], upper.yaw - lower.yaw
             found.append(Standing(name, sensor, position, yaw, corners, shape.radius, lower.half_height))
