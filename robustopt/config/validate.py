@@ -171,18 +171,12 @@ def _right(key: Key, value: Any) -> str:
     annotation, info = _type_at(key)
     if info is None:
         return f"expected {expected(annotation)}"
-    words = expected(annotation, info.metadata if key[-1] in _names(key) else ())
+    inside = _type_at(key[:-1])[1] is info  # such as an entry of a list, to which bounds of the field do not apply
+    words = expected(annotation, () if inside else info.metadata)
     if isinstance(value, str) and words.startswith("a number"):
         words = words.replace("a number", "a plain number", 1)
     unit = in_unit(info) if "number" in words else ""
     return f"expected {words}{unit} ({purpose(info)})"
-
-
-def _names(key: Key) -> tuple[str, ...]:
-    """Return the names of the fields of the section that a key is in."""
-    parent, _ = _type_at(key[:-1])
-    base = unwrap(choices(parent)[0])[0]
-    return tuple(fields(base)) if isinstance(base, type) and issubclass(base, Section) else ()
 
 
 def _type_at(key: Key) -> tuple[Any, FieldInfo | None]:
