@@ -54,10 +54,8 @@ def _cups(key: Key, body: ObjectConfig, hold: SuctionConfig) -> Iterator[Finding
         first, second = hold.cups[j], hold.cups[k]
         overlap = first.radius + second.radius - float(np.hypot(*np.subtract(first.at, second.at)))
         if overlap > RESOLUTION:
-            yield (
-                (*key, "cups", k),
-                f"the lip overlaps that of cups[{j}] by {1000 * overlap:.3g} mm; expected lips apart",
-            )
+            message = f"the lip overlaps that of cups[{j}] by {1000 * overlap:.3g} mm; expected lips apart"
+            yield (*key, "cups", k), message
     for k, cup in enumerate(hold.cups):
         inside = part.rotation.T @ (np.array([*cup.at, 0.0]) - part.position)
         beyond = _beyond(body, hold, inside, cup.radius)
@@ -83,10 +81,8 @@ def _pads(key: Key, body: ObjectConfig, hold: GripConfig) -> Iterator[Finding]:
     part = part_in_hold(body)
     closing = part.rotation.T @ np.eye(3)[0 if hold.axis == "x" else 1]
     if np.abs(closing).max() < 1.0 - RESOLUTION:
-        yield (
-            (*key, "yaw"),
-            f"found {hold.yaw:g} rad, which leaves no flat face at the pads; expected a multiple of pi / 2",
-        )
+        message = f"found {hold.yaw:g} rad, which leaves no flat face at the pads; expected a multiple of pi / 2"
+        yield (*key, "yaw"), message
         return
     extents, centre = half_extents(body), part.rotation.T @ -part.position
     across = part.rotation.T @ np.eye(3)[1 if hold.axis == "x" else 0]
