@@ -278,7 +278,7 @@ class _Reader:
         node = loader.get_node() if loader.check_node() else None
         if loader.check_node():
             mark = loader.peek_event().start_mark  # type: ignore[no-untyped-call]
-            raise _Refused("found another document", mark, "expected one document, without `---` in the middle")
+            raise _refused("found another document", mark, "expected one document, without `---` in the middle")
         return node
 
     def _value(self, node: yaml.Node, key: Key, above: tuple[int, ...]) -> Any:
@@ -286,7 +286,7 @@ class _Reader:
         self.values += 1
         if id(node) in above or self.values > MOST_VALUES:
             found = "an alias contains itself" if id(node) in above else f"more than {MOST_VALUES:,} values"
-            raise _Refused(found, node.start_mark, "write the values out")
+            raise _refused(found, node.start_mark, "write the values out")
         if isinstance(node, yaml.MappingNode) and node.tag == _TAG + "map":
             entries = self._entries(node, key)
             return {name: self._value(child, (*key, name), (*above, id(node))) for name, child in entries}
@@ -345,17 +345,14 @@ class _Reader:
         return f"{self.source}:{mark.line + 1}" if self.lines and mark is not None else self.source
 
 
-class _Refused(yaml.MarkedYAMLError):
-    """YAML that a configuration must not contain, with a remedy."""
-
-    def __init__(self, problem: str, mark: Any, remedy: str) -> None:
-        super().__init__(problem=problem, problem_mark=mark)
-        self.remedy = remedy
+def _refused(problem: str, mark: Any, remedy: str) -> yaml.MarkedYAMLError:
+    """Return an error about YAML that a configuration must not contain."""
+    return yaml.MarkedYAMLError(problem=problem, problem_mark=mark, note=remedy)
 
 
 def _remedy(error: yaml.MarkedYAMLError) -> str:
-    if isinstance(error, _Refused):
-        return error.remedy
+    if error.note is not None:
+        return error.note
     mark = error.problem_mark
     if mark is not None and mark.buffer is not None and mark.buffer[mark.pointer] == "\t":
         return "indent with spaces, not tabs"
