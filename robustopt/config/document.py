@@ -260,7 +260,7 @@ class _Reader:
     def read(self, text: str) -> Document:
         try:
             node = self._root(_Loader(text))
-            self.document.locations[()] = self._at(node) if node is not None else self.source
+            self.document.locations[()] = self._at(node.start_mark) if node is not None else self.source
             if node is not None:
                 self.document.data = self._value(node, (), ())
         except ReaderError as error:
@@ -268,7 +268,7 @@ class _Reader:
             source = f"{self.source}:{line}" if self.lines else self.source
             self._add((), "not YAML: found a control character; expected printable text", source)
         except yaml.MarkedYAMLError as error:
-            self._add((), f"not YAML: {error.problem}; {_remedy(error)}", self._at_mark(error.problem_mark))
+            self._add((), f"not YAML: {error.problem}; {_remedy(error)}", self._at(error.problem_mark))
         except RecursionError:
             self._add((), "nested too deeply to be a configuration", self.source)
         return self.document
@@ -282,7 +282,7 @@ class _Reader:
         return node
 
     def _value(self, node: yaml.Node, key: Key, above: tuple[int, ...]) -> Any:
-        self.document.locations.setdefault(key, self._at(node))
+        self.document.locations.setdefault(key, self._at(node.start_mark))
         self.values += 1
         if id(node) in above or self.values > MOST_VALUES:
             found = "an alias contains itself" if id(node) in above else f"more than {MOST_VALUES:,} values"
@@ -299,18 +299,16 @@ class _Reader:
     def _entries(self, node: yaml.MappingNode, key: Key) -> Iterator[tuple[str, yaml.Node]]:
         first: dict[str, yaml.Node] = {}
         for key_node, child in node.value:
+            location = self._at(key_node.start_mark)
             if not isinstance(key_node, yaml.ScalarNode):
-                self._add(key, "found a list or a section as a key; expected a name", self._at(key_node))
-                continue
-            name = str(key_node.value)
-            if name in first:
+                self._add(key, "found a list or a section as a key; expected a name", location)
+            elif (name := str(key_node.value)) in first:
                 place = f", the first time in line {first[name].start_mark.line + 1}" if self.lines else ""
-                message = f"found twice{place}; expected once"
-                self._add((*key, name), message, self._at(key_node))
-                continue
-            first[name] = key_node
-            self.document.locations[*key, name] = self._at(key_node)
-            yield name, child
+                self._add((*key, name), f"found twice{place}; expected once", location)
+            else:
+                first[name] = key_node
+                self.document.locations[*key, name] = location
+                yield name, child
 
     def _scalar(self, node: yaml.ScalarNode, key: Key) -> Any:
         text, kind = str(node.value), node.tag.removeprefix(_TAG)
@@ -327,21 +325,18 @@ class _Reader:
                 case "float":
                     return float(re.sub(r"\.(?=[a-z])", "", text.lower()))
         except ValueError:
-            self._add(key, f"found {text[:40]!r}; expected a number", self._at(node))
+            self._add(key, f"found {text[:40]!r}; expected a number", self._at(node.start_mark))
             return None
         return self._unknown_tag(node, key)
 
     def _unknown_tag(self, node: yaml.Node, key: Key) -> None:
         message = f"found the tag {node.tag.replace(_TAG, '!!')}; expected a plain value without a tag"
-        self._add(key, message, self._at(node))
+        self._add(key, message, self._at(node.start_mark))
 
     def _add(self, key: Key, message: str, location: str) -> None:
         self.document.problems.append(ConfigProblem(show_key(key), message, location))
 
-    def _at(self, node: yaml.Node) -> str:
-        return self._at_mark(node.start_mark)
-
-    def _at_mark(self, mark: Any) -> str:
+    def _at(self, mark: Any) -> str:
         return f"{self.source}:{mark.line + 1}" if self.lines and mark is not None else self.source
 
 
