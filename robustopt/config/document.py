@@ -7,7 +7,7 @@ and `yes` are text and `1e-3` is a number.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -43,6 +43,16 @@ for _name, _pattern, _first in (
     ("float", r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)", _SIGN_OR_DIGIT),
 ):
     _Loader.add_implicit_resolver(_TAG + _name, re.compile(rf"^(?:{_pattern})$"), _first)
+
+
+_SCALARS: dict[str, Callable[[str], Any]] = {
+    "str": str,
+    "null": lambda text: None,
+    "bool": lambda text: text.lower() == "true",
+    "int": int,
+    "float": lambda text: float(re.sub(r"\.(?=[a-z])", "", text.lower())),
+}
+"""Functions that read the text of a scalar, by its tag."""
 
 
 class _Dumper(yaml.SafeDumper):
@@ -311,23 +321,13 @@ class _Reader:
                 yield name, child
 
     def _scalar(self, node: yaml.ScalarNode, key: Key) -> Any:
-        text, kind = str(node.value), node.tag.removeprefix(_TAG)
+        read = _SCALARS.get(node.tag.removeprefix(_TAG))
+        if read is None:
+            return self._unknown_tag(node, key)
         try:
-            match kind:
-                case "str":
-                    return text
-                case "null":
-                    return None
-                case "bool":
-                    return text.lower() == "true"
-                case "int":
-                    return int(text)
-                case "float":
-                    return float(re.sub(r"\.(?=[a-z])", "", text.lower()))
+            return read(str(node.value))
         except ValueError:
-            self._add(key, f"found {text[:40]!r}; expected a number", self._at(node.start_mark))
-            return None
-        return self._unknown_tag(node, key)
+            return self._add(key, f"found {node.value[:40]!r}; expected a number", self._at(node.start_mark))
 
     def _unknown_tag(self, node: yaml.Node, key: Key) -> None:
         message = f"found the tag {node.tag.replace(_TAG, '!!')}; expected a plain value without a tag"
