@@ -14,13 +14,7 @@ from robustopt.certificate import Certificate, certify
 from robustopt.config import Config
 from robustopt.limits import TimeScalingProblem, build_problem
 from robustopt.runs.origin import write_origin
-from robustopt.runs.records import (
-    CertificateRecord,
-    DiagnosisRecord,
-    ProblemSize,
-    RunStatus,
-    Summary,
-)
+from robustopt.runs.records import CertificateRecord, DiagnosisRecord, ProblemSize, RunStatus, Summary
 from robustopt.runs.store import SUMMARY, write_record
 from robustopt.scene.patches import patches
 from robustopt.solvers import Plan, Status, solve
