@@ -122,7 +122,11 @@ def meaning(info: FieldInfo) -> str:
     Args:
         info: the field.
     """
-    return re.sub(r"\s*\[[^\[\]]*\]$", "", info.description or "")
+    return re.sub(r"\s*\[[^\[\]]*\]$", "", _description(info))
+
+
+def _description(info: FieldInfo) -> str:
+    return (info.description or "").replace("\n", " ")
 
 
 def purpose(info: FieldInfo) -> str:
@@ -140,7 +144,7 @@ def unit(info: FieldInfo) -> str:
     Args:
         info: the field.
     """
-    found = re.search(r"\[([^\[\]]*)\]$", info.description or "")
+    found = re.search(r"\[([^\[\]]*)\]$", _description(info))
     return found[1] if found and "," not in found[1] else ""
 
 
