@@ -139,12 +139,6 @@ class LearningResult:
     planned: PlanResult | None
     journal: Journal
 
-    @property
-    def diverged(self) -> bool:
-        """Whether every simulation diverged."""
-        statuses = {item.status for entry in self.journal.entries() for _, item in entry.executions}
-        return statuses == {Status.DIVERGED.value}
-
 
 def result_of(learned: Learned, journal: Journal) -> LearningResult:
     """Return the result of a learner that is finished.
@@ -193,7 +187,8 @@ def write_learning_files(result: LearningResult, folder: Path) -> Summary:
         result.planned.plan.export(folder, result.planned.config.output.period)
     _write_iterations(result.learned, folder / ITERATIONS)
     _write_executions(result.journal, folder / EXECUTIONS)
-    return learning_summary(result.learned, result.planned, result.diverged)
+    statuses = {item.status for entry in result.journal.entries() for _, item in entry.executions}
+    return learning_summary(result.learned, result.planned, diverged=statuses == {Status.DIVERGED.value})
 
 
 def complete(folder: Path, data: Summary) -> None:
