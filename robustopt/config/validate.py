@@ -92,10 +92,6 @@ def with_sections(config: Config, sections: dict[str, Any]) -> Config | None:
     return None if any(check(changed, like=config)) else changed
 
 
-def _model(data: dict[str, Any], folder: Path) -> Config:
-    return Config.model_validate({**_frozen(data), "folder": folder}, strict=True)
-
-
 def _frozen(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _frozen(inner) for key, inner in value.items()}
@@ -106,7 +102,7 @@ def _attempt(data: dict[str, Any], folder: Path) -> tuple[Config | None, dict[Ke
     """Return the configuration, or None and the mistakes of single keys, by key."""
     wrong: dict[Key, str] = {("folder",): _unknown(Config, "folder")} if "folder" in data else {}
     try:
-        config = _model(data, folder)
+        config = Config.model_validate({**_frozen(data), "folder": folder}, strict=True)
         return (None if wrong else config), wrong
     except ValidationError as error:
         kinds = [(str(item["type"]), _place(item["loc"], data), item["loc"]) for item in error.errors()]
