@@ -108,14 +108,13 @@ def resumed(folder: Path, config: Config | None) -> Config:
     return stored
 
 
-def latest_unfinished(config: Config, root: Path = Path("results")) -> Path | None:
+def latest_unfinished(config: Config) -> Path | None:
     """Return the latest unfinished run of a task, preferably one of the same configuration; None without one.
 
     Args:
         config: the configuration.
-        root: folder that contains the runs.
     """
-    folders = [place for place in (root / config.name).glob("*") if is_unfinished(place)]
+    folders = [place for place in Path("results", config.name).glob("*") if is_unfinished(place)]
     text = dump(config)
     same = [place for place in folders if _text(place / CONFIG) == text]
     return max(same or folders, key=lambda place: (place / JOURNAL).stat().st_mtime_ns, default=None)
