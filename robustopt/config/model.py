@@ -42,100 +42,119 @@ BASE_COORDINATES = 6
 class JointLimitOverride(Section):
     """Limits and friction of a joint, in place of the model's."""
 
-    position: Interval | None = None
-    """lowest and highest joint position [rad or m]"""
-    velocity: Positive | None = None
-    """largest joint speed [rad/s or m/s]"""
-    acceleration: Positive | None = None
-    """largest joint acceleration [rad/s^2 or m/s^2]"""
-    torque: Positive | None = None
-    """largest joint torque or force [N m or N]"""
-    dry_friction: NonNegative | None = None
-    """Coulomb friction of the joint [N m or N]"""
-    viscous_friction: NonNegative | None = None
-    """viscous friction of the joint [N m s/rad or N s/m]"""
+    position: Interval | None = Field(default=None, description="lowest and highest joint position [rad or m]")
+    velocity: Positive | None = Field(default=None, description="largest joint speed [rad/s or m/s]")
+    acceleration: Positive | None = Field(default=None, description="largest joint acceleration [rad/s^2 or m/s^2]")
+    torque: Positive | None = Field(default=None, description="largest joint torque or force [N m or N]")
+    dry_friction: NonNegative | None = Field(default=None, description="Coulomb friction of the joint [N m or N]")
+    viscous_friction: NonNegative | None = Field(
+        default=None, description="viscous friction of the joint [N m s/rad or N s/m]"
+    )
 
 
 class Collision(Section):
     """Collision check along the path."""
 
-    check: bool = True
-    """whether to check the path for collisions of the robot, the tray and the objects"""
-    exclude: tuple[tuple[str, str], ...] = ()
-    """pairs of body names whose collisions are ignored"""
+    check: bool = Field(
+        default=True, description="whether to check the path for collisions of the robot, the tray and the objects"
+    )
+    exclude: tuple[tuple[str, str], ...] = Field(
+        default=(), description="pairs of body names whose collisions are ignored"
+    )
 
 
 class RobotConfig(Section):
     """The robot: its model, tool, base and limits."""
 
-    model: str
-    """name of a shipped robot (tx90l, humanoid), or an MJCF or URDF file relative to the configuration"""
-    tool: str | tuple[str, ...] = "flange"
-    """site or body of the model that carries the tray or holds the parts; or a list of the hands of a walking robot
-    that hold the tray together: the tool frame then has the axes of the first hand and its origin midway between the
-    hands"""
-    posture: dict[str, Real] = Field(default={})
-    """positions of the joints of a walking robot that do not move along the path, by joint name; default: their
-    positions in the model's first keyframe [rad or m]"""
+    model: str = Field(
+        description="name of a shipped robot (tx90l, humanoid), or an MJCF or URDF file relative to the configuration"
+    )
+    tool: str | tuple[str, ...] = Field(
+        default="flange",
+        description="site or body of the model that carries the tray or holds the parts; or a list of the hands of a "
+        "walking robot that hold the tray together: the tool frame then has the axes of the first hand and its origin "
+        "midway between the hands",
+    )
+    posture: dict[str, Real] = Field(
+        default={},
+        description="positions of the joints of a walking robot that do not move along the path, by joint name; "
+        "default: their positions in the model's first keyframe [rad or m]",
+    )
 
     @property
     def tools(self) -> tuple[str, ...]:
         """Return the names of the tool or tools."""
         return (self.tool,) if isinstance(self.tool, str) else self.tool
 
-    base: Pose = Pose()
-    """pose of the robot's base in the world"""
-    limits: dict[str, JointLimitOverride] = Field(default={})
-    """joint limits by joint name, which replace those of the model; the name `all` applies to every joint"""
-    locked: dict[str, Real] = Field(default={})
-    """fixed positions of locked joints, by joint name [rad or m]"""
-    joint_friction: bool = True
-    """include dry and viscous joint friction in the joint torques"""
-    collision: Collision = Collision()
-    """collision check along the path"""
+    base: Pose = Field(default=Pose(), description="pose of the robot's base in the world")
+    limits: dict[str, JointLimitOverride] = Field(
+        default={},
+        description="joint limits by joint name, which replace those of the model; the name `all` applies to every "
+        "joint",
+    )
+    locked: dict[str, Real] = Field(
+        default={}, description="fixed positions of locked joints, by joint name [rad or m]"
+    )
+    joint_friction: bool = Field(
+        default=True, description="include dry and viscous joint friction in the joint torques"
+    )
+    collision: Collision = Field(default=Collision(), description="collision check along the path")
 
 
 class UncertaintyConfig(Section):
     """Intervals of the uncertain quantities."""
 
-    friction: tuple[Friction, Friction] | dict[str, tuple[Friction, Friction]] | None = None
-    """interval of the coefficient of friction, one for all contacts, or by contact or object (`default` for the
-    rest)"""
-    contact_points: Distance | dict[str, Distance] | None = None
-    """largest distance of each contact point from its nominal position along x and along y, one value for all contacts,
-    or by contact or object (`default` for the rest) [m]"""
-    center_of_mass: dict[str, tuple[Distance, Distance, Distance]] = Field(default={})
-    """largest distance of the centre of mass from its nominal position along x, y, z of the object's or the tray's
-    frame, by object name or `tray` [m]"""
-    mass: dict[str, tuple[Mass, Mass]] = Field(default={})
-    """interval of the mass, by object name or `tray`; the inertia scales with the mass [kg]"""
-    joint_acceleration: AccelerationError | None = None
-    """interval of the error of the joint acceleration"""
-    base_acceleration: NonNegative | tuple[NonNegative, ...] = 0.0
-    """with path.steps: largest error of the acceleration of the floating base, one value, or six: along x, y, z [m/s^2]
-    and about z, y, x [rad/s^2]"""
+    friction: tuple[Friction, Friction] | dict[str, tuple[Friction, Friction]] | None = Field(
+        default=None,
+        description="interval of the coefficient of friction, one for all contacts, or by contact or object (`default` "
+        "for the rest)",
+    )
+    contact_points: Distance | dict[str, Distance] | None = Field(
+        default=None,
+        description="largest distance of each contact point from its nominal position along x and along y, one value "
+        "for all contacts, or by contact or object (`default` for the rest) [m]",
+    )
+    center_of_mass: dict[str, tuple[Distance, Distance, Distance]] = Field(
+        default={},
+        description="largest distance of the centre of mass from its nominal position along x, y, z of the object's or "
+        "the tray's frame, by object name or `tray` [m]",
+    )
+    mass: dict[str, tuple[Mass, Mass]] = Field(
+        default={}, description="interval of the mass, by object name or `tray`; the inertia scales with the mass [kg]"
+    )
+    joint_acceleration: AccelerationError | None = Field(
+        default=None, description="interval of the error of the joint acceleration"
+    )
+    base_acceleration: NonNegative | tuple[NonNegative, ...] = Field(
+        default=0.0,
+        description="with path.steps: largest error of the acceleration of the floating base, one value, or six: along "
+        "x, y, z [m/s^2] and about z, y, x [rad/s^2]",
+    )
 
 
 class SolverConfig(Section):
     """The solver and its grid."""
 
-    method: Literal["ipopt", "reachability"] = "ipopt"
-    """solver: a nonlinear program with inner contact programs (ipopt), or a faster method that minimises time only
-    (reachability)"""
-    collocation_points: int = Field(default=200, ge=10, le=100_000)
-    """number N of grid intervals along the path"""
-    cost: Literal["time", "effort", "smoothness"] = "time"
-    """cost: time, or time plus `weight` times the integral of the squared relative torque (effort) or acceleration
-    (smoothness)"""
-    weight: NonNegative = 0.0
-    """weight of the effort or smoothness term"""
+    method: Literal["ipopt", "reachability"] = Field(
+        default="ipopt",
+        description="solver: a nonlinear program with inner contact programs (ipopt), or a faster method that "
+        "minimises time only (reachability)",
+    )
+    collocation_points: int = Field(
+        default=200, ge=10, le=100_000, description="number N of grid intervals along the path"
+    )
+    cost: Literal["time", "effort", "smoothness"] = Field(
+        default="time",
+        description="cost: time, or time plus `weight` times the integral of the squared relative torque (effort) or "
+        "acceleration (smoothness)",
+    )
+    weight: NonNegative = Field(default=0.0, description="weight of the effort or smoothness term")
 
 
 class OutputConfig(Section):
     """Files that a run writes."""
 
-    period: Positive = 0.004
-    """period at which the exported trajectory is sampled [s]"""
+    period: Positive = Field(default=0.004, description="period at which the exported trajectory is sampled [s]")
 
 
 def _empty_mapping(data: Any) -> Any:
@@ -145,34 +164,37 @@ def _empty_mapping(data: Any) -> Any:
 class Config(Section):
     """Configuration of a task."""
 
-    name: str
-    """name of the task and of its results folder"""
-    robot: RobotConfig
-    """the robot"""
-    tray: TrayConfig | None = None
-    """the tray that the tool carries; required if an object stands on it"""
-    objects: Annotated[dict[str, ObjectConfig], BeforeValidator(_empty_mapping)] = Field(default={})
-    """the objects that stand on the tray or are held by the tool, by name"""
-    contact: ContactConfig = ContactConfig()
-    """friction, and the approximation of the contacts"""
-    path: PathConfig
-    """the path: exactly one of tray_poses, tool_poses, joints and steps"""
-    uncertainty: UncertaintyConfig = UncertaintyConfig()
-    """intervals for which the plan must hold; the nominal value must lie in its interval"""
-    solver: SolverConfig = SolverConfig()
-    """the solver"""
-    output: OutputConfig = OutputConfig()
-    """files that a run writes"""
-    execution: ExecutionConfig | None = None
-    """execution in simulation; `plan` checks this section but does not use it"""
-    learning: LearningConfig | None = None
-    """learning; `plan` checks this section but does not use it"""
-    gravity: Acceleration3 = (0.0, 0.0, -9.81)
-    """acceleration due to gravity, in the world frame [m/s^2]"""
-    seed: int = Field(default=0, ge=0)
-    """seed of all random numbers of the run"""
-    folder: Path = Field(default=Path("."), exclude=True)
-    """folder that relative file names in the configuration refer to"""
+    name: str = Field(description="name of the task and of its results folder")
+    robot: RobotConfig = Field(description="the robot")
+    tray: TrayConfig | None = Field(
+        default=None, description="the tray that the tool carries; required if an object stands on it"
+    )
+    objects: Annotated[dict[str, ObjectConfig], BeforeValidator(_empty_mapping)] = Field(
+        default={}, description="the objects that stand on the tray or are held by the tool, by name"
+    )
+    contact: ContactConfig = Field(
+        default=ContactConfig(), description="friction, and the approximation of the contacts"
+    )
+    path: PathConfig = Field(description="the path: exactly one of tray_poses, tool_poses, joints and steps")
+    uncertainty: UncertaintyConfig = Field(
+        default=UncertaintyConfig(),
+        description="intervals for which the plan must hold; the nominal value must lie in its interval",
+    )
+    solver: SolverConfig = Field(default=SolverConfig(), description="the solver")
+    output: OutputConfig = Field(default=OutputConfig(), description="files that a run writes")
+    execution: ExecutionConfig | None = Field(
+        default=None, description="execution in simulation; `plan` checks this section but does not use it"
+    )
+    learning: LearningConfig | None = Field(
+        default=None, description="learning; `plan` checks this section but does not use it"
+    )
+    gravity: Acceleration3 = Field(
+        default=(0.0, 0.0, -9.81), description="acceleration due to gravity, in the world frame [m/s^2]"
+    )
+    seed: int = Field(default=0, ge=0, description="seed of all random numbers of the run")
+    folder: Path = Field(
+        default=Path("."), exclude=True, description="folder that relative file names in the configuration refer to"
+    )
 
     @property
     def environment_contacts(self) -> tuple[str, ...]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Literal
 
+from pydantic import Field
+
 from robustopt.config.section import (
     Distance,
     Length,
@@ -21,58 +23,61 @@ from robustopt.config.section import (
 class FramePose(Section):
     """A pose along the path."""
 
-    position: Point3
-    """position of the tray's centre, or of the tool, in the world [m]"""
-    rpy: Vector3 | None = None
-    """roll, pitch, yaw about the fixed x, y, z axes [rad]"""
-    yaw: Real | None = None
-    """rotation of a level tray or tool about the vertical [rad]"""
-    quaternion: Vector4 | None = None
-    """orientation as a quaternion w, x, y, z of any non-zero length"""
+    position: Point3 = Field(description="position of the tray's centre, or of the tool, in the world [m]")
+    rpy: Vector3 | None = Field(default=None, description="roll, pitch, yaw about the fixed x, y, z axes [rad]")
+    yaw: Real | None = Field(default=None, description="rotation of a level tray or tool about the vertical [rad]")
+    quaternion: Vector4 | None = Field(
+        default=None, description="orientation as a quaternion w, x, y, z of any non-zero length"
+    )
 
 
 class PathTolerance(Section):
     """Accuracy of the inverse kinematics between samples."""
 
-    position: Positive = 0.0002
-    """largest distance between the joint path and the path of poses [m]"""
-    angle: Positive = 0.001
-    """largest angle between the joint path and the path of poses [rad]"""
+    position: Positive = Field(
+        default=0.0002, description="largest distance between the joint path and the path of poses [m]"
+    )
+    angle: Positive = Field(
+        default=0.001, description="largest angle between the joint path and the path of poses [rad]"
+    )
 
 
 class StepConfig(Section):
     """One step of a walking robot."""
 
-    foot: Literal["left", "right"]
-    """the foot that steps"""
-    to: Point2
-    """position on the floor at which the middle of its sole lands, x and y in the world [m]"""
+    foot: Literal["left", "right"] = Field(description="the foot that steps")
+    to: Point2 = Field(
+        description="position on the floor at which the middle of its sole lands, x and y in the world [m]"
+    )
 
 
 class StanceConfig(Section):
     """Positions of both feet on the floor."""
 
-    left: Point2
-    """middle of the left sole on the floor, x and y in the world [m]"""
-    right: Point2
-    """middle of the right sole on the floor, x and y in the world [m]"""
+    left: Point2 = Field(description="middle of the left sole on the floor, x and y in the world [m]")
+    right: Point2 = Field(description="middle of the right sole on the floor, x and y in the world [m]")
 
 
 class RailConfig(Section):
     """A rail on which a hand of a walking robot rests."""
 
-    hand: Literal["left", "right"]
-    """the hand that rests on the rail"""
-    at: Point3
-    """position of the middle of its palm on the rail, in the world [m]"""
-    size: tuple[Length, Length]
-    """edge lengths of the part of the palm that touches the rail, along the rail and across it [m]"""
-    length: Length = 0.3
-    """length of the rail, a bar with its middle at this position; the robot must not collide with it [m]"""
-    normal: Vector3 = (0.0, 0.0, 1.0)
-    """direction out of the rail at this position, of any non-zero length"""
-    along: Vector3 = (1.0, 0.0, 0.0)
-    """direction of the rail and of the fingers; only its component perpendicular to the normal is used"""
+    hand: Literal["left", "right"] = Field(description="the hand that rests on the rail")
+    at: Point3 = Field(description="position of the middle of its palm on the rail, in the world [m]")
+    size: tuple[Length, Length] = Field(
+        description="edge lengths of the part of the palm that touches the rail, along the rail and across it [m]"
+    )
+    length: Length = Field(
+        default=0.3,
+        description="length of the rail, a bar with its middle at this position; the robot must not collide with it "
+        "[m]",
+    )
+    normal: Vector3 = Field(
+        default=(0.0, 0.0, 1.0), description="direction out of the rail at this position, of any non-zero length"
+    )
+    along: Vector3 = Field(
+        default=(1.0, 0.0, 0.0),
+        description="direction of the rail and of the fingers; only its component perpendicular to the normal is used",
+    )
 
     @property
     def contact(self) -> str:
@@ -83,30 +88,47 @@ class RailConfig(Section):
 class PathConfig(Section):
     """The path, given by exactly one of tray_poses, tool_poses, joints and steps."""
 
-    tray_poses: tuple[FramePose, ...] | None = None
-    """poses of the tray, joined by straight segments"""
-    tool_poses: tuple[FramePose, ...] | None = None
-    """poses of the tool, if there is no tray, joined by straight segments"""
-    joints: tuple[tuple[Real, ...], ...] | str | None = None
-    """joint waypoints, or a CSV file of them relative to the configuration; joined by a C2 cubic spline [rad or m]"""
-    blend: NonNegative = 0.0
-    """length of the path that is rounded on each side of a pose; with 0 the robot stops at the pose [m]"""
-    tolerance: PathTolerance = PathTolerance()
-    """accuracy of the inverse kinematics between the samples of the path of poses"""
-    steps: tuple[StepConfig, ...] | None = None
-    """steps of a walking robot with alternating feet; the soles stay level and point along x"""
-    start: tuple[Real, ...] | StanceConfig | None = None
-    """joint positions near which the inverse kinematics starts, default: the best of many [rad or m]; with steps:
-    positions of the feet before the first step [m]"""
-    lift: Length = 0.05
-    """with steps: height to which a foot is lifted [m]"""
-    inset: Distance = 0.012
-    """with steps: distance from the middle of the standing foot at which the centre of mass passes it, on the side of
-    the other foot [m]"""
-    pelvis_height: Length | None = None
-    """with steps: height of the pelvis over the soles; default: as in the model's first keyframe [m]"""
-    rail: RailConfig | None = None
-    """with steps: a rail on which a hand rests in one position throughout"""
+    tray_poses: tuple[FramePose, ...] | None = Field(
+        default=None, description="poses of the tray, joined by straight segments"
+    )
+    tool_poses: tuple[FramePose, ...] | None = Field(
+        default=None, description="poses of the tool, if there is no tray, joined by straight segments"
+    )
+    joints: tuple[tuple[Real, ...], ...] | str | None = Field(
+        default=None,
+        description="joint waypoints, or a CSV file of them relative to the configuration; joined by a C2 cubic spline "
+        "[rad or m]",
+    )
+    blend: NonNegative = Field(
+        default=0.0,
+        description="length of the path that is rounded on each side of a pose; with 0 the robot stops at the pose [m]",
+    )
+    tolerance: PathTolerance = Field(
+        default=PathTolerance(),
+        description="accuracy of the inverse kinematics between the samples of the path of poses",
+    )
+    steps: tuple[StepConfig, ...] | None = Field(
+        default=None,
+        description="steps of a walking robot with alternating feet; the soles stay level and point along x",
+    )
+    start: tuple[Real, ...] | StanceConfig | None = Field(
+        default=None,
+        description="joint positions near which the inverse kinematics starts, default: the best of many [rad or m]; "
+        "with steps: positions of the feet before the first step [m]",
+    )
+    lift: Length = Field(default=0.05, description="with steps: height to which a foot is lifted [m]")
+    inset: Distance = Field(
+        default=0.012,
+        description="with steps: distance from the middle of the standing foot at which the centre of mass passes it, "
+        "on the side of the other foot [m]",
+    )
+    pelvis_height: Length | None = Field(
+        default=None,
+        description="with steps: height of the pelvis over the soles; default: as in the model's first keyframe [m]",
+    )
+    rail: RailConfig | None = Field(
+        default=None, description="with steps: a rail on which a hand rests in one position throughout"
+    )
 
     @property
     def poses(self) -> tuple[FramePose, ...] | None:

@@ -110,7 +110,7 @@ def json_schema() -> dict[str, Any]:
 
 def files() -> dict[str, str]:
     """Return the contents of the generated files, by name."""
-    return {PAGE: page(), SCHEMA: json.dumps(json_schema(), indent=1).replace(r"\n", " ") + "\n"}
+    return {PAGE: page(), SCHEMA: json.dumps(json_schema(), indent=1) + "\n"}
 
 
 def main() -> None:

@@ -30,13 +30,9 @@ Interval = tuple[Real, Real]
 
 
 class Section(BaseModel):
-    """Base class of a section. It is immutable, refuses unknown keys, and has all defaults if it is empty.
+    """Base class of a section. It is immutable, refuses unknown keys, and has all defaults if it is empty."""
 
-    The docstring of a key is its description in messages, on the reference page and in the JSON Schema. Its first
-    clause says what the key is, and its end the unit in brackets.
-    """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     @model_validator(mode="before")
     @classmethod
@@ -47,18 +43,19 @@ class Section(BaseModel):
 class Pose(Section):
     """Position and orientation of a frame."""
 
-    position: Point3 = (0.0, 0.0, 0.0)
-    """position [m]"""
-    rpy: Vector3 = (0.0, 0.0, 0.0)
-    """roll, pitch, yaw about the fixed x, y, z axes [rad]"""
+    position: Point3 = Field(default=(0.0, 0.0, 0.0), description="position [m]")
+    rpy: Vector3 = Field(default=(0.0, 0.0, 0.0), description="roll, pitch, yaw about the fixed x, y, z axes [rad]")
 
 
 class AccelerationError(Section):
     """Interval of the error of the joint acceleration."""
 
-    mean: Real | tuple[Real, ...] = 0.0
-    """mean U of the executed minus the planned joint acceleration, one value or one per joint [rad/s^2 or m/s^2]"""
-    deviation: NonNegative | tuple[NonNegative, ...] = 0.0
-    """standard deviation D of this error, one value or one per joint [rad/s^2 or m/s^2]"""
-    K: NonNegative = 1.0
-    """the plan holds for every error between U - K D and U + K D"""
+    mean: Real | tuple[Real, ...] = Field(
+        default=0.0,
+        description="mean U of the executed minus the planned joint acceleration, one value or one per joint "
+        "[rad/s^2 or m/s^2]",
+    )
+    deviation: NonNegative | tuple[NonNegative, ...] = Field(
+        default=0.0, description="standard deviation D of this error, one value or one per joint [rad/s^2 or m/s^2]"
+    )
+    K: NonNegative = Field(default=1.0, description="the plan holds for every error between U - K D and U + K D")

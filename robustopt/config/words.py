@@ -122,11 +122,7 @@ def meaning(info: FieldInfo) -> str:
     Args:
         info: the field.
     """
-    return re.sub(r"\s*\[[^\[\]]*\]$", "", _description(info))
-
-
-def _description(info: FieldInfo) -> str:
-    return (info.description or "").replace("\n", " ")
+    return re.sub(r"\s*\[[^\[\]]*\]$", "", info.description or "")
 
 
 def purpose(info: FieldInfo) -> str:
@@ -144,7 +140,7 @@ def unit(info: FieldInfo) -> str:
     Args:
         info: the field.
     """
-    found = re.search(r"\[([^\[\]]*)\]$", _description(info))
+    found = re.search(r"\[([^\[\]]*)\]$", info.description or "")
     return found[1] if found and "," not in found[1] else ""
 
 
