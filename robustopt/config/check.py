@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from itertools import pairwise
@@ -10,19 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from robustopt.config.document import Key, show_key
-from robustopt.config.held_check import check_all_held
+from robustopt.config.document import Finding, Key, show_key, split_key
+from robustopt.config.held_check import check_held
 from robustopt.config.model import Config
 from robustopt.config.object_model import ObjectConfig, TrayConfig
 from robustopt.config.path_model import FramePose
 from robustopt.config.per_name import value_of
 from robustopt.config.scene_check import check_scene, same_scene
 from robustopt.config.step_check import check_steps
+from robustopt.config.words import did_you_mean
 from robustopt.geometry import RESOLUTION
 from robustopt.scene.placement import TRAY, supports
-
-Finding = tuple[Key, str]
-"""Key of a mistake, and a message: the value that was found, and the values that are expected."""
 
 
 def check(config: Config, names: Collection[str] | None = None, like: Config | None = None) -> Iterator[Finding]:
@@ -40,20 +37,21 @@ def check(config: Config, names: Collection[str] | None = None, like: Config | N
     if like is None or config.path is not like.path:
         yield from _path(config)
     yield from _solver(config)
+    shapes = [finding for name, body in config.objects.items() for finding in _shape(("objects", name), body)]
+    yield from shapes
     for name, body in config.objects.items():
-        yield from _shape(("objects", name), body)
         yield from _inertia(("objects", name, "inertia"), body)
     if config.tray is not None:
         yield from _inertia(("tray", "inertia"), config.tray)
     yield from _intervals(config)
     yield from _references(config, names)
-    held = list(check_all_held(config)) if not any(_shapes(config)) else []
+    held = [] if shapes else [finding for item in config.objects.items() for finding in check_held(*item)]
     yield from held
     standing = [*_standing(config, names), *_without_tray(config)]
     yield from standing
     whole = set(names) == set(config.objects) and not held and not standing
     known = like is not None and same_scene(config, like)
-    if whole and not known and not any(_shapes(config)):
+    if whole and not known and not shapes:
         yield from check_scene(config)
 
 
@@ -67,11 +65,6 @@ def _without_tray(config: Config) -> Iterator[Finding]:
         yield ("tray",), f"missing, but {reason}; expected a section with the keys {fields}, or {remedy}"
     if config.tray is not None and config.path.tool_poses is not None:
         yield ("path", "tool_poses"), "not allowed with a tray; expected tray_poses, the poses of the tray's centre"
-
-
-def _shapes(config: Config) -> Iterator[Finding]:
-    for name, body in config.objects.items():
-        yield from _shape(("objects", name), body)
 
 
 # Names ----------------------------------------------------------------------------------------------------
@@ -89,42 +82,51 @@ def _names(config: Config, names: Collection[str]) -> Iterator[Finding]:
 
 
 def _unknown(name: str, valid: Collection[str]) -> str:
-    near = difflib.get_close_matches(name, valid, n=1)
-    hint = f"did you mean {near[0]}? " if near else ""
-    return f"nothing is called {name}; {hint}expected one of {', '.join(valid) or 'no name, as there are no objects'}"
+    known = ", ".join(valid) or "no name, as there are no objects"
+    return f"nothing is called {name}; {did_you_mean(name, valid)}expected one of {known}"
+
+
+_BY_CONTACT = (
+    "contact.friction", "uncertainty.friction", "uncertainty.contact_points", "execution.truth.friction",
+    "execution.truth.variation.friction",
+)  # fmt: skip
+_BY_HELD_BODY = ("execution.truth.force", "execution.truth.variation.force")
+_BY_BODY = (
+    "uncertainty.mass", "uncertainty.center_of_mass", "execution.truth.mass", "execution.truth.center_of_mass",
+    "execution.truth.inertia", "execution.truth.variation.mass", "execution.truth.variation.center_of_mass",
+)  # fmt: skip
+"""Keys whose values can be given by the name of a contact, of a held object or tray, or of any body."""
 
 
 def _references(config: Config, names: Collection[str]) -> Iterator[Finding]:
-    yield from _per_interface(config, names)
+    """Yield unknown names."""
+    contacts = tuple(dict.fromkeys([*config.interfaces, *config.interfaces.values(), *names]))
+    held = [name for name, body in config.objects.items() if body.held_by is not None]
+    held += [TRAY] if config.tray is not None and config.tray.hands is not None else []
+    yield from _unknown_names(config, ("execution.truth.contact_inset",), contacts)
+    yield from _unknown_names(config, _BY_HELD_BODY, held)
+    yield from _unknown_names(config, _BY_CONTACT, (*contacts, "default"))
+    yield from _contacts_without_friction(config, names)
     if config.path.steps is None:  # with steps a name may be a body of the robot, whose model is not read yet
-        yield from _per_body(config, (TRAY, *names))
+        bodies = (TRAY, *names)
+        on = config.execution.disturbance.on if config.execution is not None else None
+        if on is not None and on not in bodies:
+            yield ("execution", "disturbance", "on"), _unknown(on, bodies)
+        yield from _unknown_names(config, _BY_BODY, bodies)
 
 
-def _per_interface(config: Config, names: Collection[str]) -> Iterator[Finding]:
-    """Yield unknown names of contacts, and contacts without friction."""
-    contacts = dict.fromkeys([*config.interfaces, *config.interfaces.values(), *names])
-    truth: Key = ("execution", "truth")
-    given: list[tuple[Key, Any]] = [
-        (("contact", "friction"), config.contact.friction),
-        (("uncertainty", "friction"), config.uncertainty.friction),
-        (("uncertainty", "contact_points"), config.uncertainty.contact_points),
-    ]
-    if config.execution is not None:
-        actual = config.execution.truth
-        given += [
-            ((*truth, "friction"), actual.friction),
-            ((*truth, "variation", "friction"), actual.variation.friction),
-        ]
-        yield from _unknown_names((*truth, "contact_inset"), actual.contact_inset, tuple(contacts))
-        held = [name for name, body in config.objects.items() if body.held_by is not None]
-        held += [TRAY] if config.tray is not None and config.tray.hands is not None else []
-        for key, forces in (
-            ((*truth, "force"), actual.force),
-            ((*truth, "variation", "force"), actual.variation.force),
-        ):
-            yield from _unknown_names(key, forces, held)
-    for key, values in given:
-        yield from _unknown_names(key, values, (*contacts, "default"))
+def _unknown_names(config: Config, keys: Sequence[str], valid: Collection[str]) -> Iterator[Finding]:
+    """Yield the names in the values at some keys that are none of the valid ones."""
+    for key in map(split_key, keys):
+        values: Any = config
+        for part in key:
+            values = getattr(values, str(part), None)
+        for name in values if isinstance(values, Mapping) else ():
+            if name not in valid:
+                yield (*key, name), _unknown(name, valid)
+
+
+def _contacts_without_friction(config: Config, names: Collection[str]) -> Iterator[Finding]:
     friction = config.contact.friction
     if isinstance(friction, Mapping) and "default" not in friction:
         known = {**dict.fromkeys(names, ""), **config.interfaces}
@@ -132,36 +134,8 @@ def _per_interface(config: Config, names: Collection[str]) -> Iterator[Finding]:
         missing = [name for name, owner in known.items() if name not in friction and owner not in friction]
         if missing := [name for name in missing if name not in objects]:
             kind = "object" if config.path.steps is None else "contact"
-            yield (
-                ("contact", "friction"),
-                f"no value for {', '.join(missing)}; expected one for each {kind}, or `default`",
-            )
-
-
-def _per_body(config: Config, bodies: Collection[str]) -> Iterator[Finding]:
-    """Yield unknown names of bodies."""
-    uncertain = config.uncertainty
-    given: list[tuple[Key, Any]] = [
-        (("uncertainty", "mass"), uncertain.mass),
-        (("uncertainty", "center_of_mass"), uncertain.center_of_mass),
-    ]
-    execution = config.execution
-    if execution is not None:
-        for section, actual in (((), execution.truth), (("variation",), execution.truth.variation)):
-            for kind in ("mass", "center_of_mass", "inertia"):
-                given.append((("execution", "truth", *section, kind), getattr(actual, kind, {})))
-        on = execution.disturbance.on
-        if on is not None and on not in bodies:
-            yield ("execution", "disturbance", "on"), _unknown(on, bodies)
-    for key, values in given:
-        yield from _unknown_names(key, values, bodies)
-
-
-def _unknown_names(key: Key, values: Any, valid: Collection[str]) -> Iterator[Finding]:
-    if isinstance(values, Mapping):
-        for name in values:
-            if name not in valid:
-                yield (*key, name), _unknown(name, valid)
+            message = f"no value for {', '.join(missing)}; expected one for each {kind}, or `default`"
+            yield ("contact", "friction"), message
 
 
 # Path and solver ------------------------------------------------------------------------------------------

@@ -7,22 +7,22 @@ and `yes` are text and `1e-3` is a number.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import yaml
-from yaml.composer import Composer, ComposerError
-from yaml.parser import Parser
-from yaml.reader import Reader, ReaderError
-from yaml.resolver import BaseResolver
-from yaml.scanner import Scanner
+from yaml.composer import ComposerError
+from yaml.reader import ReaderError
 
 from robustopt.errors import ConfigError, ConfigProblem
 
 Key = tuple[str | int, ...]
 """Path to a value: names of keys and positions in lists."""
+
+Finding = tuple[Key, str]
+"""Key of a mistake, and a message: the value that was found, and the values that are expected."""
 
 MOST_VALUES = 200_000
 """Largest number of values in a document: aliases of aliases can make a small file grow without bound."""
@@ -30,15 +30,8 @@ MOST_VALUES = 200_000
 _TAG = "tag:yaml.org,2002:"
 
 
-class _Loader(Reader, Scanner, Parser, Composer, BaseResolver):
+class _Loader(yaml.BaseLoader):
     """YAML loader that composes nodes and knows only the plain scalars below."""
-
-    def __init__(self, text: str) -> None:
-        Reader.__init__(self, text)
-        Scanner.__init__(self)
-        Parser.__init__(self)
-        Composer.__init__(self)
-        BaseResolver.__init__(self)
 
 
 _SIGN_OR_DIGIT = list("-+.0123456789")
@@ -50,6 +43,16 @@ for _name, _pattern, _first in (
     ("float", r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)", _SIGN_OR_DIGIT),
 ):
     _Loader.add_implicit_resolver(_TAG + _name, re.compile(rf"^(?:{_pattern})$"), _first)
+
+
+_SCALARS: dict[str, Callable[[str], Any]] = {
+    "str": str,
+    "null": lambda text: None,
+    "bool": lambda text: text.lower() == "true",
+    "int": int,
+    "float": lambda text: float(re.sub(r"\.(?=[a-z])", "", text.lower())),
+}
+"""Functions that read the text of a scalar, by its tag."""
 
 
 class _Dumper(yaml.SafeDumper):
@@ -80,6 +83,16 @@ def show_key(key: Key) -> str:
 def _join_keys(outer: str, inner: str) -> str:
     """Return a key path that continues another one."""
     return f"{outer}{'' if not inner or inner.startswith('[') else '.'}{inner}"
+
+
+def shortened(text: str, most: int = 60) -> str:
+    """Return a text, or its beginning and three dots if it is too long for a message.
+
+    Args:
+        text: the text.
+        most: largest number of characters.
+    """
+    return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
 def split_key(text: str) -> Key:
@@ -140,7 +153,7 @@ class Document:
         Args:
             text: `key=value`, the value in YAML.
         """
-        location = f"override '{text if len(text) <= 100 else text[:97] + '...'}'"
+        location = f"override '{shortened(text, 100)}'"
         key_text, equals, value_text = text.partition("=")
         if not equals or not key_text.strip():
             message = "found no key=value; expected for example solver.collocation_points=500"
@@ -203,13 +216,9 @@ def _require_place(container: Any, key: Key, part: str | int) -> None:
             message = f"found position {part}; expected 0 to {len(container) - 1}, the entries of {above}"
             raise ConfigError(message, key=show_key(key))
     else:
-        message = f"{above} is {_short(container)}, which has no keys; replace it as a whole: {above}={{{part}: ...}}"
+        found = shortened(repr(container))
+        message = f"{above} is {found}, which has no keys; replace it as a whole: {above}={{{part}: ...}}"
         raise ConfigError(message, key=show_key(key))
-
-
-def _short(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def read_file(path: Path) -> Document:
@@ -223,18 +232,18 @@ def read_file(path: Path) -> Document:
     Raises:
         ConfigError: the file does not exist, cannot be read, or is not UTF-8 text.
     """
-    if path.is_dir():
-        raise ConfigError([ConfigProblem("", "this is a folder; expected a YAML file", str(path))])
-    if not path.is_file():
-        raise ConfigError([ConfigProblem("", "no such file; expected the path of a YAML file", str(path))])
-    try:
-        text = path.read_bytes().decode("utf-8-sig")
-    except OSError as error:
-        raise ConfigError([ConfigProblem("", f"cannot be read: {error.strerror}", str(path))]) from None
-    except UnicodeDecodeError as error:
-        message = f"byte {error.start} is not UTF-8 text; expected a YAML file"
-        raise ConfigError([ConfigProblem("", message, str(path))]) from None
-    return read_text(text, str(path))
+    if path.is_file():
+        try:
+            return read_text(path.read_bytes().decode("utf-8-sig"), str(path))
+        except OSError as error:
+            message = f"cannot be read: {error.strerror}"
+        except UnicodeDecodeError as error:
+            message = f"byte {error.start} is not UTF-8 text; expected a YAML file"
+    elif path.is_dir():
+        message = "this is a folder; expected a YAML file"
+    else:
+        message = "no such file; expected the path of a YAML file"
+    raise ConfigError([ConfigProblem("", message, str(path))])
 
 
 def read_text(text: str, source: str, lines: bool = True) -> Document:
@@ -261,17 +270,15 @@ class _Reader:
     def read(self, text: str) -> Document:
         try:
             node = self._root(_Loader(text))
-            self.document.locations[()] = self._at(node) if node is not None else self.source
+            self.document.locations[()] = self._at(node.start_mark) if node is not None else self.source
             if node is not None:
                 self.document.data = self._value(node, (), ())
         except ReaderError as error:
             line = text[: error.position].count("\n") + 1
             source = f"{self.source}:{line}" if self.lines else self.source
             self._add((), "not YAML: found a control character; expected printable text", source)
-        except _Refused as error:
-            self._add((), f"not YAML: {error.problem}; {error.remedy}", self._at_mark(error.problem_mark))
         except yaml.MarkedYAMLError as error:
-            self._add((), f"not YAML: {error.problem}; {_remedy(error)}", self._at_mark(error.problem_mark))
+            self._add((), f"not YAML: {error.problem}; {_remedy(error)}", self._at(error.problem_mark))
         except RecursionError:
             self._add((), "nested too deeply to be a configuration", self.source)
         return self.document
@@ -281,15 +288,15 @@ class _Reader:
         node = loader.get_node() if loader.check_node() else None
         if loader.check_node():
             mark = loader.peek_event().start_mark  # type: ignore[no-untyped-call]
-            raise _Refused("found another document", mark, "expected one document, without `---` in the middle")
+            raise _refused("found another document", mark, "expected one document, without `---` in the middle")
         return node
 
     def _value(self, node: yaml.Node, key: Key, above: tuple[int, ...]) -> Any:
-        self.document.locations.setdefault(key, self._at(node))
+        self.document.locations.setdefault(key, self._at(node.start_mark))
         self.values += 1
         if id(node) in above or self.values > MOST_VALUES:
             found = "an alias contains itself" if id(node) in above else f"more than {MOST_VALUES:,} values"
-            raise _Refused(found, node.start_mark, "write the values out")
+            raise _refused(found, node.start_mark, "write the values out")
         if isinstance(node, yaml.MappingNode) and node.tag == _TAG + "map":
             entries = self._entries(node, key)
             return {name: self._value(child, (*key, name), (*above, id(node))) for name, child in entries}
@@ -302,61 +309,45 @@ class _Reader:
     def _entries(self, node: yaml.MappingNode, key: Key) -> Iterator[tuple[str, yaml.Node]]:
         first: dict[str, yaml.Node] = {}
         for key_node, child in node.value:
+            location = self._at(key_node.start_mark)
             if not isinstance(key_node, yaml.ScalarNode):
-                self._add(key, "found a list or a section as a key; expected a name", self._at(key_node))
-                continue
-            name = str(key_node.value)
-            if name in first:
+                self._add(key, "found a list or a section as a key; expected a name", location)
+            elif (name := str(key_node.value)) in first:
                 place = f", the first time in line {first[name].start_mark.line + 1}" if self.lines else ""
-                message = f"found twice{place}; expected once"
-                self._add((*key, name), message, self._at(key_node))
-                continue
-            first[name] = key_node
-            self.document.locations[*key, name] = self._at(key_node)
-            yield name, child
+                self._add((*key, name), f"found twice{place}; expected once", location)
+            else:
+                first[name] = key_node
+                self.document.locations[*key, name] = location
+                yield name, child
 
     def _scalar(self, node: yaml.ScalarNode, key: Key) -> Any:
-        text, kind = str(node.value), node.tag.removeprefix(_TAG)
+        read = _SCALARS.get(node.tag.removeprefix(_TAG))
+        if read is None:
+            return self._unknown_tag(node, key)
         try:
-            match kind:
-                case "str":
-                    return text
-                case "null":
-                    return None
-                case "bool":
-                    return text.lower() == "true"
-                case "int":
-                    return int(text)
-                case "float":
-                    return float(re.sub(r"\.(?=[a-z])", "", text.lower()))
+            return read(str(node.value))
         except ValueError:
-            self._add(key, f"found {text[:40]!r}; expected a number", self._at(node))
-            return None
-        return self._unknown_tag(node, key)
+            return self._add(key, f"found {node.value[:40]!r}; expected a number", self._at(node.start_mark))
 
     def _unknown_tag(self, node: yaml.Node, key: Key) -> None:
         message = f"found the tag {node.tag.replace(_TAG, '!!')}; expected a plain value without a tag"
-        self._add(key, message, self._at(node))
+        self._add(key, message, self._at(node.start_mark))
 
     def _add(self, key: Key, message: str, location: str) -> None:
         self.document.problems.append(ConfigProblem(show_key(key), message, location))
 
-    def _at(self, node: yaml.Node) -> str:
-        return self._at_mark(node.start_mark)
-
-    def _at_mark(self, mark: Any) -> str:
+    def _at(self, mark: Any) -> str:
         return f"{self.source}:{mark.line + 1}" if self.lines and mark is not None else self.source
 
 
-class _Refused(yaml.MarkedYAMLError):
-    """YAML that a configuration must not contain, with a remedy."""
-
-    def __init__(self, problem: str, mark: Any, remedy: str) -> None:
-        super().__init__(problem=problem, problem_mark=mark)
-        self.remedy = remedy
+def _refused(problem: str, mark: Any, remedy: str) -> yaml.MarkedYAMLError:
+    """Return an error about YAML that a configuration must not contain."""
+    return yaml.MarkedYAMLError(problem=problem, problem_mark=mark, note=remedy)
 
 
 def _remedy(error: yaml.MarkedYAMLError) -> str:
+    if error.note is not None:
+        return error.note
     mark = error.problem_mark
     if mark is not None and mark.buffer is not None and mark.buffer[mark.pointer] == "\t":
         return "indent with spaces, not tabs"

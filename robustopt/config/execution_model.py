@@ -135,8 +135,7 @@ class FailureConfig(Section):
         description="a held part is lost when a point of a lip, or of the fixed pad, is this far away from it [m]",
     )
     grip_slip: Positive = Field(
-        default=0.003,
-        description="a held part has slid when it has moved this far along a lip or pad [m]",
+        default=0.003, description="a held part has slid when it has moved this far along a lip or pad [m]"
     )
     hand_lift: Positive = Field(
         default=0.005, description="a hand has lost contact when all of its palm is this far above its rail [m]"
@@ -160,8 +159,7 @@ class ExecutionConfig(Section):
         default=TruthConfig(), description="actual parameters of the simulated world; the planner never reads them"
     )
     timestep: Positive = Field(
-        default=0.001,
-        description="time step of the simulation; objects at rest drift in proportion to it [s]",
+        default=0.001, description="time step of the simulation; objects at rest drift in proportion to it [s]"
     )
     controller: ControllerConfig = Field(
         default=ControllerConfig(),
@@ -169,8 +167,7 @@ class ExecutionConfig(Section):
         "inertia",
     )
     disturbance: DisturbanceConfig = Field(
-        default=DisturbanceConfig(),
-        description="random disturbances of the execution",
+        default=DisturbanceConfig(), description="random disturbances of the execution"
     )
     hold: tuple[NonNegative, NonNegative] = Field(
         default=(0.2, 0.6), description="time for which the robot stands still before and after the motion [s]"

@@ -8,17 +8,19 @@ from itertools import combinations
 import numpy as np
 
 from robustopt.arrays import Array
-from robustopt.config.document import Key
-from robustopt.config.model import Config
+from robustopt.config.document import Finding, Key
 from robustopt.config.object_model import GripConfig, HoldConfig, ObjectConfig, SuctionConfig
 from robustopt.geometry import RESOLUTION
 from robustopt.scene.placement import FACES, half_extents, part_in_hold
 
-Finding = tuple[Key, str]
 
+def check_held(name: str, body: ObjectConfig) -> Iterator[Finding]:
+    """Yield the mistakes in the cups or the gripper that hold an object.
 
-def _check_held(name: str, body: ObjectConfig) -> Iterator[Finding]:
-    """Yield the mistakes in the cups or the gripper of one object."""
+    Args:
+        name: name of the object.
+        body: the object.
+    """
     key: Key = ("objects", name)
     if body.held_by is None:
         return
@@ -52,10 +54,8 @@ def _cups(key: Key, body: ObjectConfig, hold: SuctionConfig) -> Iterator[Finding
         first, second = hold.cups[j], hold.cups[k]
         overlap = first.radius + second.radius - float(np.hypot(*np.subtract(first.at, second.at)))
         if overlap > RESOLUTION:
-            yield (
-                (*key, "cups", k),
-                f"the lip overlaps that of cups[{j}] by {1000 * overlap:.3g} mm; expected lips apart",
-            )
+            message = f"the lip overlaps that of cups[{j}] by {1000 * overlap:.3g} mm; expected lips apart"
+            yield (*key, "cups", k), message
     for k, cup in enumerate(hold.cups):
         inside = part.rotation.T @ (np.array([*cup.at, 0.0]) - part.position)
         beyond = _beyond(body, hold, inside, cup.radius)
@@ -81,10 +81,8 @@ def _pads(key: Key, body: ObjectConfig, hold: GripConfig) -> Iterator[Finding]:
     part = part_in_hold(body)
     closing = part.rotation.T @ np.eye(3)[0 if hold.axis == "x" else 1]
     if np.abs(closing).max() < 1.0 - RESOLUTION:
-        yield (
-            (*key, "yaw"),
-            f"found {hold.yaw:g} rad, which leaves no flat face at the pads; expected a multiple of pi / 2",
-        )
+        message = f"found {hold.yaw:g} rad, which leaves no flat face at the pads; expected a multiple of pi / 2"
+        yield (*key, "yaw"), message
         return
     extents, centre = half_extents(body), part.rotation.T @ -part.position
     across = part.rotation.T @ np.eye(3)[1 if hold.axis == "x" else 0]
@@ -98,13 +96,3 @@ def _pads(key: Key, body: ObjectConfig, hold: GripConfig) -> Iterator[Finding]:
                 f"a pad of {size:g} m reaches {1000 * beyond:.3g} mm beyond the part, which is {2 * room:g} m wide "
                 "there; expected pads that lie on the part",
             )
-
-
-def check_all_held(config: Config) -> Iterator[Finding]:
-    """Yield the mistakes in the cups and grippers that hold the objects of a configuration.
-
-    Args:
-        config: the configuration.
-    """
-    for name, body in config.objects.items():
-        yield from _check_held(name, body)

@@ -44,8 +44,7 @@ class LearningConfig(Section):
         "accepts a plan after N_e(K) = ceil(1 / (1 - Phi(K))) successes in a row",
     )
     reading: Literal["one-sided", "two-sided"] = Field(
-        default="one-sided",
-        description="definition of Phi(K): P(Z <= K), or P(|Z| <= K) as in the 68-95-99.7 rule",
+        default="one-sided", description="definition of Phi(K): P(Z <= K), or P(|Z| <= K) as in the 68-95-99.7 rule"
     )
     friction: tuple[NonNegative, NonNegative] = Field(
         default=(0.0, 1.0),

@@ -7,8 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel
-
 from robustopt.config.document import Document, Key, read_file, read_text, split_key, write_yaml
 from robustopt.config.model import Config
 from robustopt.config.validate import validate, with_sections
@@ -84,8 +82,8 @@ def with_values(config: Config, values: Mapping[str, Any]) -> Config:
         ConfigError: a key is unknown, or a value does not fit.
     """
     keys = {key: split_key(key) for key in values}
-    sections = {key[0] for key in keys.values()}
-    document = Document(data=_plain({str(name): _dumped(getattr(config, str(name), None)) for name in sections}))
+    sections = {str(key[0]) for key in keys.values()}
+    document = Document(data=_plain(config.model_dump(include=sections, exclude_none=True)))
     _assign(document, keys, values)
     if not document.problems and (changed := with_sections(config, document.data)) is not None:
         return changed
@@ -97,13 +95,6 @@ def with_values(config: Config, values: Mapping[str, Any]) -> Config:
 def _assign(document: Document, keys: Mapping[str, Key], values: Mapping[str, Any]) -> None:
     for key, value in values.items():
         document.assign(keys[key], Document(data=_plain(value)), f"{key}={value}")
-
-
-def _dumped(section: Any) -> Any:
-    """Return a section, or a mapping of sections, as plain data."""
-    if isinstance(section, dict):
-        return {name: _dumped(inner) for name, inner in section.items()}
-    return section.model_dump(exclude_none=True) if isinstance(section, BaseModel) else section
 
 
 def dump(config: Config) -> str:

@@ -56,8 +56,7 @@ class Collision(Section):
     """Collision check along the path."""
 
     check: bool = Field(
-        default=True,
-        description="whether to check the path for collisions of the robot, the tray and the objects",
+        default=True, description="whether to check the path for collisions of the robot, the tray and the objects"
     )
     exclude: tuple[tuple[str, str], ...] = Field(
         default=(), description="pairs of body names whose collisions are ignored"
@@ -97,8 +96,7 @@ class RobotConfig(Section):
         default={}, description="fixed positions of locked joints, by joint name [rad or m]"
     )
     joint_friction: bool = Field(
-        default=True,
-        description="include dry and viscous joint friction in the joint torques",
+        default=True, description="include dry and viscous joint friction in the joint torques"
     )
     collision: Collision = Field(default=Collision(), description="collision check along the path")
 
@@ -122,8 +120,7 @@ class UncertaintyConfig(Section):
         "the tray's frame, by object name or `tray` [m]",
     )
     mass: dict[str, tuple[Mass, Mass]] = Field(
-        default={},
-        description="interval of the mass, by object name or `tray`; the inertia scales with the mass [kg]",
+        default={}, description="interval of the mass, by object name or `tray`; the inertia scales with the mass [kg]"
     )
     joint_acceleration: AccelerationError | None = Field(
         default=None, description="interval of the error of the joint acceleration"
@@ -176,8 +173,7 @@ class Config(Section):
         default={}, description="the objects that stand on the tray or are held by the tool, by name"
     )
     contact: ContactConfig = Field(
-        default=ContactConfig(),
-        description="friction, and the approximation of the contacts",
+        default=ContactConfig(), description="friction, and the approximation of the contacts"
     )
     path: PathConfig = Field(description="the path: exactly one of tray_poses, tool_poses, joints and steps")
     uncertainty: UncertaintyConfig = Field(
@@ -190,12 +186,10 @@ class Config(Section):
         default=None, description="execution in simulation; `plan` checks this section but does not use it"
     )
     learning: LearningConfig | None = Field(
-        default=None,
-        description="learning; `plan` checks this section but does not use it",
+        default=None, description="learning; `plan` checks this section but does not use it"
     )
     gravity: Acceleration3 = Field(
-        default=(0.0, 0.0, -9.81),
-        description="acceleration due to gravity, in the world frame [m/s^2]",
+        default=(0.0, 0.0, -9.81), description="acceleration due to gravity, in the world frame [m/s^2]"
     )
     seed: int = Field(default=0, ge=0, description="seed of all random numbers of the run")
     folder: Path = Field(

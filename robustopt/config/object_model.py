@@ -55,8 +55,7 @@ class TrayConfig(Section):
         description="hands that hold the tray, if robot.tool names several; otherwise the tray is fixed to the tool",
     )
     center_of_mass: Point3 = Field(
-        default=(0.0, 0.0, 0.0),
-        description="centre of mass in the tray frame, whose origin is the tray's centre [m]",
+        default=(0.0, 0.0, 0.0), description="centre of mass in the tray frame, whose origin is the tray's centre [m]"
     )
     inertia: Vector3 | Vector6 | None = Field(
         default=None,

@@ -27,8 +27,7 @@ class FramePose(Section):
     rpy: Vector3 | None = Field(default=None, description="roll, pitch, yaw about the fixed x, y, z axes [rad]")
     yaw: Real | None = Field(default=None, description="rotation of a level tray or tool about the vertical [rad]")
     quaternion: Vector4 | None = Field(
-        default=None,
-        description="orientation as a quaternion w, x, y, z of any non-zero length",
+        default=None, description="orientation as a quaternion w, x, y, z of any non-zero length"
     )
 
 

@@ -7,14 +7,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from robustopt.arrays import Array
-from robustopt.config.document import Key
+from robustopt.config.document import Finding, Key
 from robustopt.config.model import Config
 from robustopt.config.per_name import value_of
 from robustopt.geometry import area, contains, rotation
 from robustopt.scene.patches import Law, Patch, base_outline, eroded, overlaps, patches
 from robustopt.scene.placement import TRAY, Placement, half_height, placements, solids, supports
-
-Finding = tuple[Key, str]
 
 LEVEL = 1e-6
 """Largest difference in height between the two supports of a bridge [m]; real ones differ by more (our choice)."""

@@ -10,7 +10,7 @@ from typing import Any, get_args, get_origin
 
 from robustopt.config.model import Config
 from robustopt.config.section import Section
-from robustopt.config.words import choices, default, expected, fields, meaning, unit, unwrap
+from robustopt.config.words import choices, expected, fields, meaning, unit, unwrap
 
 PAGE, SCHEMA = "configuration.md", "robustopt.schema.json"
 
@@ -89,14 +89,11 @@ def _row(model: type[Section], key: str) -> str:
 
 
 def _default(info: Any) -> str:
-    value = default(info)
     if info.is_required():
         return "required"
-    if value is None:
+    if info.default is None:
         return "none"
-    if isinstance(value, Section):
-        return "see below"
-    return f"`{json.dumps(value)}`"
+    return "see below" if isinstance(info.default, Section) else f"`{json.dumps(info.default)}`"
 
 
 def json_schema() -> dict[str, Any]:

@@ -6,14 +6,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from robustopt.config.document import Key
+from robustopt.config.document import Finding, Key
 from robustopt.config.model import FEET, Config
 from robustopt.config.path_model import RailConfig, StanceConfig
 from robustopt.config.per_name import value_of
 from robustopt.config.section import Pose
 from robustopt.geometry import RESOLUTION, common_direction
-
-Finding = tuple[Key, str]
 
 POINTS_PER_PHASE = 8
 """Smallest number of grid intervals per phase of a path with steps, in which feet lift and land at grid points."""

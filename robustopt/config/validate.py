@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable
 from copy import deepcopy
 from pathlib import Path
@@ -16,7 +15,7 @@ from robustopt.config.document import Document, Key
 from robustopt.config.model import HANDS, Config
 from robustopt.config.object_model import ContactConfig, ObjectConfig
 from robustopt.config.section import Section
-from robustopt.config.words import choices, expected, fields, found, in_unit, purpose, unwrap
+from robustopt.config.words import choices, did_you_mean, expected, fields, found, in_unit, purpose, unwrap
 from robustopt.errors import ConfigError
 
 _PLACEHOLDERS: dict[str, Any] = {
@@ -52,11 +51,8 @@ def validate(document: Document, folder: Path) -> Config:
     related: dict[Key, str] = {}
     if usable is not None:
         names = tuple(data["objects"]) if isinstance(data.get("objects"), dict) else ()
-        if (
-            usable.path.steps is not None
-            and usable.path.rail is None
-            and any(key[:2] == ("path", "rail") for key in doubtful)
-        ):
+        without_rail = usable.path.steps is not None and usable.path.rail is None
+        if without_rail and any(key[:2] == ("path", "rail") for key in doubtful):
             names += HANDS
         for key, message in check(usable, names):
             if not any(_depends(key, bad) for bad in doubtful):
@@ -96,10 +92,6 @@ def with_sections(config: Config, sections: dict[str, Any]) -> Config | None:
     return None if any(check(changed, like=config)) else changed
 
 
-def _model(data: dict[str, Any], folder: Path) -> Config:
-    return Config.model_validate({**_frozen(data), "folder": folder}, strict=True)
-
-
 def _frozen(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _frozen(inner) for key, inner in value.items()}
@@ -110,7 +102,7 @@ def _attempt(data: dict[str, Any], folder: Path) -> tuple[Config | None, dict[Ke
     """Return the configuration, or None and the mistakes of single keys, by key."""
     wrong: dict[Key, str] = {("folder",): _unknown(Config, "folder")} if "folder" in data else {}
     try:
-        config = _model(data, folder)
+        config = Config.model_validate({**_frozen(data), "folder": folder}, strict=True)
         return (None if wrong else config), wrong
     except ValidationError as error:
         kinds = [(str(item["type"]), _place(item["loc"], data), item["loc"]) for item in error.errors()]
@@ -175,19 +167,12 @@ def _right(key: Key, value: Any) -> str:
     annotation, info = _type_at(key)
     if info is None:
         return f"expected {expected(annotation)}"
-    words = expected(annotation, info.metadata if key[-1] in _names(key) else ())
-    number = words.startswith("a number")
-    if number and isinstance(value, str):
+    inside = _type_at(key[:-1])[1] is info  # such as an entry of a list, to which bounds of the field do not apply
+    words = expected(annotation, () if inside else info.metadata)
+    if isinstance(value, str) and words.startswith("a number"):
         words = words.replace("a number", "a plain number", 1)
     unit = in_unit(info) if "number" in words else ""
     return f"expected {words}{unit} ({purpose(info)})"
-
-
-def _names(key: Key) -> tuple[str, ...]:
-    """Return the names of the fields of the section that a key is in."""
-    parent, _ = _type_at(key[:-1])
-    base = unwrap(choices(parent)[0])[0]
-    return tuple(fields(base)) if isinstance(base, type) and issubclass(base, Section) else ()
 
 
 def _type_at(key: Key) -> tuple[Any, FieldInfo | None]:
@@ -212,10 +197,8 @@ class _UnknownKey(str):
 
 
 def _unknown(model: type[Section], name: str) -> _UnknownKey:
-    valid = list(fields(model))
-    near = difflib.get_close_matches(name, valid, n=1)
-    hint = f"did you mean {near[0]}? " if near else ""
-    return _UnknownKey(f"unknown key; {hint}expected one of {', '.join(valid)}")
+    valid = fields(model)
+    return _UnknownKey(f"unknown key; {did_you_mean(name, valid)}expected one of {', '.join(valid)}")
 
 
 def _depends(key: Key, bad: Key) -> bool:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import difflib
 import re
 import types
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from annotated_types import Ge, Gt, Le
 from pydantic.fields import FieldInfo
-from pydantic_core import PydanticUndefined
 
+from robustopt.config.document import shortened
 from robustopt.config.section import Section
 
 _UNITS = {"m": "metres", "rad": "radians", "kg": "kilograms", "s": "seconds", "N": "newtons"}
@@ -153,15 +154,6 @@ def in_unit(info: FieldInfo) -> str:
     return f" in {_UNITS.get(symbol, symbol)}" if symbol else ""
 
 
-def default(info: FieldInfo) -> Any:
-    """Return the default of a field, or None if the field is required.
-
-    Args:
-        info: the field.
-    """
-    return None if info.default is PydanticUndefined else info.default
-
-
 def found(value: Any) -> str:
     """Describe a value, short enough for one line of a message.
 
@@ -173,11 +165,18 @@ def found(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, dict):
-        return f"a section with the keys {_short(', '.join(map(str, value)))}" if value else "an empty section"
+        return f"a section with the keys {shortened(', '.join(map(str, value)))}" if value else "an empty section"
     if isinstance(value, (list, tuple)):
-        return f"the list {_short(str(list(value)))}" if value else "an empty list"
-    return f"the text {_short(repr(value))}" if isinstance(value, str) else _short(str(value))
+        return f"the list {shortened(str(list(value)))}" if value else "an empty list"
+    return f"the text {shortened(repr(value))}" if isinstance(value, str) else shortened(str(value))
 
 
-def _short(text: str, most: int = 60) -> str:
-    return text if len(text) <= most else f"{text[: most - 3]}..."
+def did_you_mean(name: str, valid: Collection[str]) -> str:
+    """Return a question about the valid name that is most similar to an unknown one; empty if none is.
+
+    Args:
+        name: the unknown name.
+        valid: the valid names.
+    """
+    near = difflib.get_close_matches(name, valid, n=1)
+    return f"did you mean {near[0]}? " if near else ""

@@ -127,21 +127,16 @@ class Planner:
         raise SolverFailed(f"the plan for {described(belief)} failed its certificate: {sentence}")
 
     def _on_grid(self, belief: Belief, finer: int) -> PlanResult:
-        config = believing(self._refined(finer), belief)
-        plan = solve(rows_along(self._track(finer), config))
+        points = finer * self.config.solver.collocation_points
+        refined = self.config if finer == 1 else with_values(self.config, {"solver.collocation_points": points})
+        config = believing(refined, belief)
+        if finer not in self._tracks:
+            self._tracks[finer] = track_of(refined)
+        plan = solve(rows_along(self._tracks[finer], config))
         if plan.status not in (Status.SOLVED, Status.INFEASIBLE):
             raise SolverFailed(f"no plan for {described(belief)}: {plan.message}")
         solved = self._certified and plan.status is Status.SOLVED
         return PlanResult(config, plan, certify(plan, "quick", config.seed) if solved else None, None, {})
-
-    def _refined(self, finer: int) -> Config:
-        points = finer * self.config.solver.collocation_points
-        return self.config if finer == 1 else with_values(self.config, {"solver.collocation_points": points})
-
-    def _track(self, finer: int) -> Track:
-        if finer not in self._tracks:
-            self._tracks[finer] = track_of(self._refined(finer))
-        return self._tracks[finer]
 
 
 def described(belief: Belief) -> str:

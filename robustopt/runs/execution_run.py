@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,15 +15,13 @@ from robustopt.runs.records import ExecutionsRecord, FeedbackRecord, FirstFailur
 from robustopt.runs.store import SUMMARY, read_summary, write_record
 from robustopt.runs.stored_plan import read_plan
 from robustopt.simulation import Executions, Status, Workers, execute
+from robustopt.simulation.monte_carlo import Progress
 from robustopt.solvers import Plan
 
 EXECUTIONS = "executions.csv"
 
 FREE_KEYS = ("execution", "seed")
 """Keys that may be changed when a stored plan is executed: no plan depends on them."""
-
-Progress = Callable[[int, int, int], None]
-"""Called with the trials done, those asked for, and the successes so far."""
 
 
 @dataclass(frozen=True)

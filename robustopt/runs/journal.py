@@ -94,8 +94,8 @@ class Journal:
     """Plans and executions in a SQLite file that this process alone holds, or in memory."""
 
     def __init__(self, connection: sqlite3.Connection, path: Path | None = None) -> None:
-        self._connection = connection
-        self._path = path
+        self._connection, self._path = connection, path
+        self._place = "memory" if path is None else str(path)
 
     @staticmethod
     def in_memory() -> Journal:
@@ -165,7 +165,7 @@ class Journal:
             duration: duration of the plan [s]; None if the problem is infeasible.
         """
         text = _BELIEF.dump_json(belief).decode()
-        self._write([("INSERT INTO plans VALUES ((SELECT count(*) FROM plans), ?, ?)", (text, duration))])
+        self._write("INSERT INTO plans VALUES ((SELECT count(*) FROM plans), ?, ?)", [(text, duration)])
 
     def add_executions(self, speed: float, executions: Sequence[Execution]) -> None:
         """Commit executions of the latest plan together.
@@ -175,7 +175,7 @@ class Journal:
             executions: the executions.
         """
         command = "INSERT INTO executions VALUES (?, (SELECT count(*) - 1 FROM plans), ?, ?, ?, ?, ?, ?, ?, ?, ?)"
-        self._write([(command, _values(execution, speed)) for execution in executions])
+        self._write(command, [_values(execution, speed) for execution in executions])
 
     def add_judgements(self, plan: int, executions: Sequence[Execution]) -> None:
         """Commit fresh executions of a plan together.
@@ -184,14 +184,14 @@ class Journal:
             plan: number of the plan.
             executions: the executions.
         """
-        command = "INSERT INTO judgements VALUES (?, ?, ?, ?)"
-        self._write([(command, (plan, item.number, item.success, item.status)) for item in executions])
+        values = [(plan, item.number, item.success, item.status) for item in executions]
+        self._write("INSERT INTO judgements VALUES (?, ?, ?, ?)", values)
 
-    def _write(self, commands: Sequence[tuple[str, tuple[Any, ...]]]) -> None:
+    def _write(self, command: str, rows: Sequence[tuple[Any, ...]]) -> None:
         try:
-            with self._transaction():
-                for command, values in commands:
-                    self._connection.execute(command, values)
+            self._connection.execute("BEGIN")
+            with self._connection:  # commits at the end, rolls back if something fails
+                self._connection.executemany(command, rows)
         except sqlite3.DatabaseError as error:
             raise RunFolderError(f"{self._place}: cannot be written: {error}") from error
         if self._path is not None and not self._path.exists():  # SQLite goes on writing to the file that it holds
@@ -199,14 +199,6 @@ class Journal:
                 f"{self._path}: was moved or removed while its run was at work; "
                 "robustopt learn --resume --out FOLDER continues the run in its present folder"
             )
-
-    @property
-    def _place(self) -> str:
-        return "memory" if self._path is None else str(self._path)
-
-    def _transaction(self) -> sqlite3.Connection:
-        self._connection.execute("BEGIN")
-        return self._connection  # as a context: commits at the end, rolls back if something fails
 
     # Reading ---------------------------------------------------------------------------------------------
 

@@ -108,14 +108,13 @@ def resumed(folder: Path, config: Config | None) -> Config:
     return stored
 
 
-def latest_unfinished(config: Config, root: Path = Path("results")) -> Path | None:
+def latest_unfinished(config: Config) -> Path | None:
     """Return the latest unfinished run of a task, preferably one of the same configuration; None without one.
 
     Args:
         config: the configuration.
-        root: folder that contains the runs.
     """
-    folders = [place for place in (root / config.name).glob("*") if is_unfinished(place)]
+    folders = [place for place in Path("results", config.name).glob("*") if is_unfinished(place)]
     text = dump(config)
     same = [place for place in folders if _text(place / CONFIG) == text]
     return max(same or folders, key=lambda place: (place / JOURNAL).stat().st_mtime_ns, default=None)
@@ -138,12 +137,6 @@ class LearningResult:
     learned: Learned
     planned: PlanResult | None
     journal: Journal
-
-    @property
-    def diverged(self) -> bool:
-        """Whether every simulation diverged."""
-        statuses = {item.status for entry in self.journal.entries() for _, item in entry.executions}
-        return statuses == {Status.DIVERGED.value}
 
 
 def result_of(learned: Learned, journal: Journal) -> LearningResult:
@@ -193,7 +186,8 @@ def write_learning_files(result: LearningResult, folder: Path) -> Summary:
         result.planned.plan.export(folder, result.planned.config.output.period)
     _write_iterations(result.learned, folder / ITERATIONS)
     _write_executions(result.journal, folder / EXECUTIONS)
-    return learning_summary(result.learned, result.planned, result.diverged)
+    statuses = {item.status for entry in result.journal.entries() for _, item in entry.executions}
+    return learning_summary(result.learned, result.planned, diverged=statuses == {Status.DIVERGED.value})
 
 
 def complete(folder: Path, data: Summary) -> None:

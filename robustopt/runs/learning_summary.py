@@ -10,7 +10,7 @@ from robustopt.learning.calibrated import Calibrated
 from robustopt.learning.earned import earned
 from robustopt.learning.learner import End, Result, Row
 from robustopt.runs.beliefs import described
-from robustopt.runs.campaign import Judgement, Learned
+from robustopt.runs.campaign import Learned
 from robustopt.runs.plan_run import PlanResult, summary
 from robustopt.runs.records import Iteration, LearningRecord, RunStatus, Summary
 
@@ -176,20 +176,11 @@ def row_record(learned: Learned, row: Row) -> Iteration:
         extra["incumbent"] = row.lower_bound * (1 + row.gap)
     judgement = learned.judgement(row)
     if judgement is not None:
-        extra |= _judged(judgement, learned.settings.confidence)
+        low, high = judgement.interval(learned.settings.confidence)
+        extra |= {"fresh_trials": judgement.trials, "fresh_successes": judgement.successes}
+        extra |= {"success_rate": judgement.rate, "success_low": low, "success_high": high}
+        extra["fresh_statuses"] = dict(judgement.statuses)
     return Iteration.model_validate({**row.record(), **extra})
-
-
-def _judged(judgement: Judgement, confidence: float) -> dict[str, object]:
-    low, high = judgement.interval(confidence)
-    return {
-        "fresh_trials": judgement.trials,
-        "fresh_successes": judgement.successes,
-        "success_rate": judgement.rate,
-        "success_low": low,
-        "success_high": high,
-        "fresh_statuses": dict(judgement.statuses),
-    }
 
 
 def trial_record(learned: Learned) -> Iteration | None:

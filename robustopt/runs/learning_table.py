@@ -19,10 +19,17 @@ RESULTS = {
 
 
 class Shown(NamedTuple):
-    """Column of the table: its head, and the text of a record in it, empty if the record has nothing for it."""
+    """Column of the table.
+
+    Attributes:
+        head: its head.
+        text: returns the text of a record in it, empty if the record has nothing for it.
+        meaning: meaning of a head that is too short to say it.
+    """
 
     head: str
     text: Callable[[Iteration], str]
+    meaning: str = ""
 
 
 def _number(value: float | None, form: str) -> str:
@@ -46,6 +53,10 @@ def _errors(record: Iteration) -> str:
     share = "" if record.share == 1.0 else f" x{record.share:g}"
     width = record.planned_half_width
     return f"{max(width):.2f}{share}" if any(width) else ""
+
+
+def _luck(record: Iteration) -> str:
+    return _number(record.bad_luck, ".2f")
 
 
 def _fresh(record: Iteration) -> str:
@@ -89,34 +100,22 @@ def _short(key: str, keys: Sequence[str]) -> str:
 COLUMNS = (
     Shown("Iter", lambda record: _number(record.iteration, "d")),
     Shown("mu", lambda record: _number(record.friction, ".4g")),
-    Shown("+-err", _errors),
+    Shown(
+        "+-err", _errors, "half width of the widest interval of the acceleration error in the plan [rad/s^2 or m/s^2]"
+    ),
     Shown("Time", lambda record: _number(record.duration, ".3f")),
-    Shown("Rslt", _result),
-    Shown("Spdup", _sped_up),
-    Shown("upp", lambda record: _number(record.friction_high, ".4g")),
-    Shown("low", lambda record: _number(record.friction_low, ".4g")),
-    Shown("best", lambda record: _number(record.incumbent, ".3f")),
-    Shown("bound", lambda record: _number(record.lower_bound, ".3f")),
-    Shown("S/n", _executions),
-    Shown("luck", lambda record: _number(record.bad_luck, ".2f")),
-    Shown("fresh", _fresh),
+    Shown("Rslt", _result, "S success, F failure, ? undecided, - hardly faster than the best and so not executed"),
+    Shown("Spdup", _sped_up, "the same path faster"),
+    Shown("upp", lambda record: _number(record.friction_high, ".4g"), "upper end of the interval of mu after it"),
+    Shown("low", lambda record: _number(record.friction_low, ".4g"), "lower end"),
+    Shown("best", lambda record: _number(record.incumbent, ".3f"), "shortest plan so far that counts as a success [s]"),
+    Shown("bound", lambda record: _number(record.lower_bound, ".3f"), "shortest duration that is not ruled out [s]"),
+    Shown("S/n", _executions, "successes of executions"),
+    Shown("luck", _luck, "probability that a plan which failed meets the success rate in question all the same"),
+    Shown("fresh", _fresh, "successes of fresh executions"),
 )
 NAMED = 3
 """Largest number of learned parameters whose columns are headed by their names: more would not fit into a terminal."""
-
-_MEANINGS = {
-    "+-err": "half width of the widest interval of the acceleration error in the plan [rad/s^2 or m/s^2]",
-    "Rslt": "S success, F failure, ? undecided, - hardly faster than the best and so not executed",
-    "Spdup": "the same path faster",
-    "upp": "upper end of the interval of mu after it",
-    "low": "lower end",
-    "best": "shortest plan so far that counts as a success [s]",
-    "bound": "shortest duration that is not ruled out [s]",
-    "S/n": "successes of executions",
-    "luck": "probability that a plan which failed meets the success rate in question all the same",
-    "fresh": "successes of fresh executions",
-}
-"""Meanings of the heads that are too short to say it."""
 
 
 def legend(records: Sequence[Iteration]) -> str:
@@ -127,7 +126,7 @@ def legend(records: Sequence[Iteration]) -> str:
     """
     keys, heads = _keys(records), table(records)[0]
     meanings = dict(zip(_numbered(keys), keys, strict=True)) if len(keys) > NAMED else {}
-    meanings |= {head: _MEANINGS[head] for head in heads if head in _MEANINGS}
+    meanings |= {column.head: column.meaning for column in COLUMNS if column.meaning and column.head in heads}
     return "; ".join(f"{head}: {meaning}" for head, meaning in meanings.items()) + "."
 
 

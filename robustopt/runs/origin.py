@@ -15,6 +15,7 @@ from typing import Any
 
 from robustopt import __version__
 from robustopt.config import Config
+from robustopt.config.document import shortened
 from robustopt.config.load import dump, load_config, resolved
 from robustopt.errors import RunFolderError
 from robustopt.robot.model_file import model_file, model_hash
@@ -191,5 +192,4 @@ def differences(stored: Any, given: Any, key: str = "") -> list[str]:
 
 
 def _shown(value: Any) -> str:
-    text = "not given" if value is None else json.dumps(value)
-    return text if len(text) <= 80 else f"{text[:77]}..."
+    return "not given" if value is None else shortened(json.dumps(value), 80)

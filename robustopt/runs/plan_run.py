@@ -14,14 +14,7 @@ from robustopt.certificate import Certificate, certify
 from robustopt.config import Config
 from robustopt.limits import TimeScalingProblem, build_problem
 from robustopt.runs.origin import write_origin
-from robustopt.runs.records import (
-    CertificateRecord,
-    DiagnosisRecord,
-    ProblemSize,
-    RemedyRecord,
-    RunStatus,
-    Summary,
-)
+from robustopt.runs.records import CertificateRecord, DiagnosisRecord, ProblemSize, RunStatus, Summary
 from robustopt.runs.store import SUMMARY, write_record
 from robustopt.scene.patches import patches
 from robustopt.solvers import Plan, Status, solve
@@ -129,7 +122,7 @@ def summary(result: PlanResult) -> Summary:
         duration=plan.duration if certificate is not None else None,
         binding=binding_shares(plan) if certificate is not None else {},
         certificate=_certificate(certificate, plan) if certificate is not None else None,
-        diagnosis=_diagnosis(diagnosis) if diagnosis is not None else None,
+        diagnosis=DiagnosisRecord.model_validate(diagnosis) if diagnosis is not None else None,
         size=problem_size(plan.problem),
         notes=tuple(plan.problem.robot.notes),
         statistics=dict(plan.statistics),
@@ -141,11 +134,6 @@ def _certificate(certificate: Certificate, plan: Plan) -> CertificateRecord:
     record = CertificateRecord.model_validate(certificate)
     place = plan.problem.path.label(certificate.worst.s)
     return record.model_copy(update={"worst": record.worst.model_copy(update={"place": place})})
-
-
-def _diagnosis(diagnosis: Diagnosis) -> DiagnosisRecord:
-    remedies = tuple(RemedyRecord.model_validate(remedy) for remedy in diagnosis.remedies)
-    return DiagnosisRecord.model_validate({**vars(diagnosis), "remedies": remedies})
 
 
 # Files ----------------------------------------------------------------------------------------------------

@@ -52,42 +52,31 @@ class Record(BaseModel):
 
 
 class RunStatus(StrEnum):
-    """How a run ended."""
+    """How a run ended, with the exit code of its command; see the table in the documentation of the command line."""
 
-    SOLVED = "solved"
-    LEARNED = "learned"
-    INFEASIBLE = "infeasible"
-    NO_PLAN = "no plan"
-    NO_SUCCESS = "no success"
-    ITERATION_LIMIT = "iteration limit"
-    FAILED = "failed"
-    CERTIFICATE_FAILED = "certificate failed"
-    SIMULATION_FAILED = "simulation failed"
-    INTERRUPTED = "interrupted"
+    exit_code: int
 
-    @property
-    def exit_code(self) -> int:
-        """Exit code of the command that ends like this; see the table in the documentation of the command line."""
-        return _EXIT_CODES[self]
+    def __new__(cls, text: str, exit_code: int = 0) -> RunStatus:
+        """Make a member that equals its text."""
+        member = str.__new__(cls, text)
+        member._value_, member.exit_code = text, exit_code
+        return member
+
+    SOLVED = "solved", 0
+    LEARNED = "learned", 0
+    INFEASIBLE = "infeasible", 3
+    NO_PLAN = "no plan", 3
+    NO_SUCCESS = "no success", 3
+    ITERATION_LIMIT = "iteration limit", 4
+    FAILED = "failed", 4
+    CERTIFICATE_FAILED = "certificate failed", 4
+    SIMULATION_FAILED = "simulation failed", 5
+    INTERRUPTED = "interrupted", INTERRUPTED
 
     @property
     def good(self) -> bool:
         """Whether the run reached its purpose."""
         return self.exit_code == 0
-
-
-_EXIT_CODES = {
-    RunStatus.SOLVED: 0,
-    RunStatus.LEARNED: 0,
-    RunStatus.INFEASIBLE: 3,
-    RunStatus.NO_PLAN: 3,
-    RunStatus.NO_SUCCESS: 3,
-    RunStatus.ITERATION_LIMIT: 4,
-    RunStatus.FAILED: 4,
-    RunStatus.CERTIFICATE_FAILED: 4,
-    RunStatus.SIMULATION_FAILED: 5,
-    RunStatus.INTERRUPTED: INTERRUPTED,
-}
 
 
 # Plans ----------------------------------------------------------------------------------------------------

@@ -165,7 +165,9 @@ def _make_hidden(final: Path) -> tuple[Path, list[Path]]:
     """Make the hidden folder of a run; return it, and all folders that were made for it, outermost first."""
     made: list[Path] = []
     try:
-        made += _make_parents(final.parent)
+        for place in [place for place in (final.parent, *final.parent.parents) if not place.exists()][::-1]:
+            place.mkdir(exist_ok=True)
+            made.append(place)
         _remove_abandoned(final.parent)
         hidden = final.parent / f".{final.name}{_mark()}{os.getpid()}"
         hidden.mkdir()
@@ -173,20 +175,6 @@ def _make_hidden(final: Path) -> tuple[Path, list[Path]]:
     except OSError as error:
         _remove(made)
         raise RunFolderError(f"{final}: cannot be written: {_reason(error)}; expected a writable folder") from None
-
-
-def _make_parents(folder: Path) -> list[Path]:
-    """Make a folder and all above it; return the new ones, outermost first."""
-    missing = [place for place in (folder, *folder.parents) if not place.exists()][::-1]
-    made: list[Path] = []
-    try:
-        for place in missing:
-            place.mkdir(exist_ok=True)
-            made.append(place)
-    except OSError:
-        _remove(made)
-        raise
-    return made
 
 
 def _mark() -> str:

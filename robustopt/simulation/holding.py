@@ -27,7 +27,7 @@ from robustopt.scene.patches import Law, Patch, patches
 from robustopt.scene.placement import CARRIER as CARRIER_FRAME
 from robustopt.scene.placement import TRAY, Frame, placements
 from robustopt.simulation.interfaces import Held
-from robustopt.simulation.objects import CARRIER, add_pose_sensor, pose_sensor
+from robustopt.simulation.objects import CARRIER, HIDDEN, add_pose_sensor, body_name, pose_sensor
 from robustopt.simulation.parameters import Parameters, require_some_left
 from robustopt.simulation.physics import PREFIX, add_contact, quaternion
 
@@ -50,8 +50,6 @@ LEAST_MASS = 1e-4
 STROKE = 0.1
 """Distance that the finger can move to either side [m], so that it stays in the picture if it loses its part."""
 
-UNSEEN = (0.0, 0.0, 0.0, 0.0)
-
 
 @dataclass(frozen=True, eq=False)
 class Hold:
@@ -72,11 +70,6 @@ class Hold:
     place: Frame
     patches: tuple[Patch, ...]
     finger_mass: float = 0.0
-
-    @property
-    def body(self) -> str:
-        """Return the name of the body of the part."""
-        return CARRIER if self.part == TRAY else PREFIX + self.part
 
 
 def holds_of(config: Config, hands: Sequence[Hand] = ()) -> tuple[Hold, ...]:
@@ -134,7 +127,7 @@ def add_hold(spec: mujoco.MjSpec, hold: Hold, parameters: Parameters) -> None:
     """
     for patch in hold.patches:
         _add_patch(spec, hold, patch, parameters)
-    add_pose_sensor(spec, hold.name, hold.body, hold.holder)
+    add_pose_sensor(spec, hold.name, body_name(hold.part), hold.holder)
 
 
 def _add_patch(spec: mujoco.MjSpec, hold: Hold, patch: Patch, parameters: Parameters) -> None:
@@ -202,11 +195,11 @@ def _add_vacuum(spec: mujoco.MjSpec, hold: Hold, patch: Patch, force: float) -> 
     name, axis = PREFIX + patch.name, patch.axes[:, 2]
     local = hold.place.rotation.T @ (patch.origin - hold.place.position)
     far = spec.body(hold.holder).add_site(
-        USUAL.default, name=f"{name}_far", pos=patch.origin - SPRING * axis, rgba=UNSEEN
+        USUAL.default, name=f"{name}_far", pos=patch.origin - SPRING * axis, rgba=HIDDEN
     )
-    near = spec.body(hold.body).add_site(USUAL.default, name=f"{name}_near", pos=local, rgba=UNSEEN)
+    near = spec.body(body_name(hold.part)).add_site(USUAL.default, name=f"{name}_near", pos=local, rgba=HIDDEN)
     pull = spec.add_tendon(
-        USUAL.default, name=name, stiffness=[force / SPRING, 0.0, 0.0], springlength=[0.0, 0.0], rgba=UNSEEN
+        USUAL.default, name=name, stiffness=[force / SPRING, 0.0, 0.0], springlength=[0.0, 0.0], rgba=HIDDEN
     )
     for site in (far, near):
         pull.wrap_site(site.name)

@@ -138,17 +138,13 @@ def simulate_trials(job: Job, trials: Sequence[int], threads: int, workspace: Wo
     control[:, :, : model.nu] = controls(model, layout, job.planned, world.driven)
     if offsets.any():
         control[:, :, layout.control] += offsets[:, None, world.driven]
-    _add_forces(job, trials, control, model.nu + 6 * _pushed(world, layout, execution.disturbance.on))
+    at = model.nu + 6 * _pushed(world, layout, execution.disturbance.on)
+    for inputs, k in zip(control, trials, strict=True):
+        random = generator(job.seed, k, FORCE)
+        inputs[:, at : at + 3] = forces(execution.disturbance, execution.timestep, len(job.planned.t), random)
     start = np.array([world.start(layout, job.planned.q[0] + offset, model.nq) for offset in offsets])
     record = simulate(models, start, control, threads, workspace)
     return Prepared(trials, parameters, offsets, layout), record
-
-
-def _add_forces(job: Job, trials: Sequence[int], control: Array, at: int) -> None:
-    """Sample the random force of each trial into three columns of its control, from `at` on."""
-    disturbance, h = job.execution.disturbance, job.execution.timestep
-    for i, k in enumerate(trials):
-        control[i, :, at : at + 3] = forces(disturbance, h, len(job.planned.t), generator(job.seed, k, FORCE))
 
 
 def _pushed(world: World, layout: Layout, name: str | None) -> int:

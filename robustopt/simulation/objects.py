@@ -31,7 +31,7 @@ up for half the distance between their 32 corners and the circle, and for the lo
 corners (measured in tests/test_fidelity.py)."""
 
 PASSIVE = {"default": USUAL.default, "contype": 0, "conaffinity": 0}
-_HIDDEN = (0.0, 0.0, 0.0, 0.0)
+HIDDEN = (0.0, 0.0, 0.0, 0.0)
 _COLOURS = ((0.85, 0.45, 0.25), (0.25, 0.5, 0.85), (0.35, 0.65, 0.35), (0.8, 0.7, 0.3))
 
 
@@ -78,10 +78,10 @@ def add_object(
     body.add_geom(name=PREFIX + name, rgba=(*colour, 1.0), **_shape(shape, 0.0), **PASSIVE)
     for base, turn in _bases(name, shape).items():
         size = _shape(shape, parameters.inset.get(name, 0.0), ROUND_GROWTH)
-        body.add_geom(name=base, quat=_yaw_quaternion(turn), rgba=_HIDDEN, **size, **PASSIVE)
+        body.add_geom(name=base, quat=_yaw_quaternion(turn), rgba=HIDDEN, **size, **PASSIVE)
     if shape.radius is not None:
         wide = _shape(shape, 0.0, ROUND_GROWTH / np.cos(np.pi / ROUND_CORNERS))
-        body.add_geom(name=_top(name), rgba=_HIDDEN, **wide, **PASSIVE)
+        body.add_geom(name=_top(name), rgba=HIDDEN, **wide, **PASSIVE)
     return body
 
 
@@ -115,7 +115,7 @@ def add_pose_sensors(spec: mujoco.MjSpec, config: Config) -> None:
     """
     for name in placements(config):
         for support in supports(config.objects[name]):
-            add_pose_sensor(spec, name, PREFIX + name, _body(support))
+            add_pose_sensor(spec, name, PREFIX + name, body_name(support))
 
 
 def add_pose_sensor(spec: mujoco.MjSpec, name: str, body: str, frame: str) -> None:
@@ -146,8 +146,13 @@ def pose_sensor(model: mujoco.MjModel, name: str, frame: str) -> int:
     return int(model.sensor(f"{PREFIX}{name}_{frame}_mjSENS_FRAMEPOS").adr[0])
 
 
-def _body(support: str) -> str:
-    return CARRIER if support == TRAY else PREFIX + support
+def body_name(name: str) -> str:
+    """Return the name of the body of an object, or of the tray.
+
+    Args:
+        name: name of the object, or `tray`.
+    """
+    return CARRIER if name == TRAY else PREFIX + name
 
 
 def standing(config: Config, model: mujoco.MjModel) -> tuple[Standing, ...]:
@@ -163,7 +168,7 @@ def standing(config: Config, model: mujoco.MjModel) -> tuple[Standing, ...]:
     for name in placements(config):
         shape = config.objects[name]
         for support in supports(shape):
-            upper, lower, sensor = placed[name], placed[support], pose_sensor(model, name, _body(support))
+            upper, lower, sensor = placed[name], placed[support], pose_sensor(model, name, body_name(support))
             step, corners = upper.planar - lower.planar, _base_corners(shape)
             position, yaw = np.r_[rotation(-lower.yaw) @ step[:2], step[2]], upper.yaw - lower.yaw
             found.append(Standing(name, sensor, position, yaw, corners, shape.radius, lower.half_height))

@@ -19,37 +19,26 @@ AT_LIMIT = 1e-9
 
 
 class Status(Enum):
-    """The way a trial ended; `sentence` explains it."""
+    """The way a trial ended, with a sentence that explains it."""
 
-    SUCCESS = "success"
-    SLID = "slid"
-    SLIPPED = "slipped"
-    TIPPED = "tipped"
-    FELL = "fell"
-    LOST_CONTACT = "lost contact"
-    LOST_GRIP = "lost grip"
-    SLID_IN_GRIP = "slid in grip"
-    TORQUE_SATURATED = "torque saturated"
-    DIVERGED = "simulation diverged"
+    sentence: str
 
-    @property
-    def sentence(self) -> str:
-        """Return a sentence that explains the status."""
-        return _SENTENCES[self]
+    def __new__(cls, value: str, sentence: str) -> Status:
+        """Make a member with a sentence."""
+        member = object.__new__(cls)
+        member._value_, member.sentence = value, sentence
+        return member
 
-
-_SENTENCES = {
-    Status.SUCCESS: "Every object stayed in its place, every standing foot and hand on a rail too.",
-    Status.SLID: "An object slid further on its support than is allowed.",
-    Status.SLIPPED: "A standing foot slipped further on the floor than is allowed, or a hand on its rail.",
-    Status.TIPPED: "An object tipped further against its support than is allowed.",
-    Status.FELL: "An object dropped further below its place than is allowed, or the robot itself fell.",
-    Status.LOST_CONTACT: "An object rose off its support further than is allowed, or a hand off its rail.",
-    Status.LOST_GRIP: "A suction cup or the fixed pad of a gripper opened further than is allowed.",
-    Status.SLID_IN_GRIP: "A held part slid further along its cups or pads than is allowed.",
-    Status.TORQUE_SATURATED: "A joint torque stayed at its limit for longer than is allowed.",
-    Status.DIVERGED: "The simulation diverged; its results do not count as physics.",
-}
+    SUCCESS = "success", "Every object stayed in its place, every standing foot and hand on a rail too."
+    SLID = "slid", "An object slid further on its support than is allowed."
+    SLIPPED = "slipped", "A standing foot slipped further on the floor than is allowed, or a hand on its rail."
+    TIPPED = "tipped", "An object tipped further against its support than is allowed."
+    FELL = "fell", "An object dropped further below its place than is allowed, or the robot itself fell."
+    LOST_CONTACT = "lost contact", "An object rose off its support further than is allowed, or a hand off its rail."
+    LOST_GRIP = "lost grip", "A suction cup or the fixed pad of a gripper opened further than is allowed."
+    SLID_IN_GRIP = "slid in grip", "A held part slid further along its cups or pads than is allowed."
+    TORQUE_SATURATED = "torque saturated", "A joint torque stayed at its limit for longer than is allowed."
+    DIVERGED = "simulation diverged", "The simulation diverged; its results do not count as physics."
 
 
 @dataclass(frozen=True)

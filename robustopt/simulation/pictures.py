@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import mujoco
 import numpy as np
 
@@ -24,23 +22,7 @@ and above the horizon [deg], on the side of the hand that is on a rail, else on 
 _SKY = (0.93, 0.95, 0.97)
 
 
-class View(NamedTuple):
-    """A camera.
-
-    Attributes:
-        lookat: the point at which it looks, world frame (3,) [m].
-        distance: distance from this point [m].
-        azimuth: angle about the vertical [deg].
-        elevation: angle above the horizon [deg].
-    """
-
-    lookat: Array
-    distance: float
-    azimuth: float
-    elevation: float
-
-
-def view_of(config: Config, robot: Robot, q: Array) -> View:
+def view_of(config: Config, robot: Robot, q: Array) -> mujoco.MjvCamera:
     """Return a camera that sees the whole path of a robot.
 
     Args:
@@ -50,11 +32,18 @@ def view_of(config: Config, robot: Robot, q: Array) -> View:
     """
     if not robot.contacts:
         carrier, _ = robot.carrier_pose(q)
-        return View(carrier.mean(axis=0), AWAY + float(np.ptp(carrier, axis=0).max()), AROUND, ABOVE)
+        return _camera(carrier.mean(axis=0), AWAY + float(np.ptp(carrier, axis=0).max()), AROUND, ABOVE)
     feet = np.array([[standing[foot].position[:2] for foot in FEET] for standing in footsteps(config).places])
     height, way = float(robot.posture[2]), float(np.ptp(feet.mean(axis=1), axis=0).max())
     azimuth = -WALKING_AROUND if "left_hand" in robot.contacts else WALKING_AROUND
-    return View(np.append(feet.mean(axis=(0, 1)), height), WALKING_AWAY * height + way, azimuth, WALKING_ABOVE)
+    return _camera(np.append(feet.mean(axis=(0, 1)), height), WALKING_AWAY * height + way, azimuth, WALKING_ABOVE)
+
+
+def _camera(lookat: Array, distance: float, azimuth: float, elevation: float) -> mujoco.MjvCamera:
+    camera = mujoco.MjvCamera()
+    camera.lookat[:] = lookat
+    camera.distance, camera.azimuth, camera.elevation = distance, azimuth, elevation
+    return camera
 
 
 def add_scenery(spec: mujoco.MjSpec, config: Config, robot: Robot) -> None:

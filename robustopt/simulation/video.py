@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from robustopt.config import Config
 from robustopt.errors import SimulationFailed
 from robustopt.simulation.execute import prepare
-from robustopt.simulation.pictures import View, add_scenery, view_of
+from robustopt.simulation.pictures import add_scenery, view_of
 from robustopt.simulation.trace import Trace
 from robustopt.solvers import Plan
 
@@ -95,12 +95,10 @@ def _write_webp(frames: Sequence[Image], path: Path) -> Path:
     return path
 
 
-def _frames(model: mujoco.MjModel, view: View, trace: Trace) -> list[Image]:
+def _frames(model: mujoco.MjModel, camera: mujoco.MjvCamera, trace: Trace) -> list[Image]:
     model.vis.global_.offwidth, model.vis.global_.offheight = WIDTH, HEIGHT
     model.vis.headlight.ambient[:] = 0.45
-    camera, data = mujoco.MjvCamera(), mujoco.MjData(model)
-    camera.lookat[:] = view.lookat
-    camera.distance, camera.azimuth, camera.elevation = view.distance, view.azimuth, view.elevation
+    data = mujoco.MjData(model)
     every = max(1, round(1 / FRAMES_PER_SECOND / model.opt.timestep))
     try:
         renderer = mujoco.Renderer(model, HEIGHT, WIDTH)
