@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import product
+
 import numpy as np
 import pytest
 from held import FAR, cup, edge_wrenches, friction_edges, grip, holding, largest_step, step_by_rows, system_of
@@ -208,6 +211,15 @@ def test_nothing_bounds_a_push_on_the_rigid_pad() -> None:
     assert step_by_rows(system.facets, start, np.array([-1.0, 0, 0, 0, 0, 0, 0])) == pytest.approx(CLOSING)
 
 
+def grip_slip(mu: tuple[float, float], edges: int) -> np.ndarray:
+    """Rows of the slip of two pads without rotation (edges, 7)."""
+    slip = np.zeros((edges, 7))
+    angle = 2 * np.pi * (np.arange(edges) + 0.5) / edges
+    slip[:, 0], slip[:, 1] = np.cos(angle), np.sin(angle)
+    slip[:, 2], slip[:, 6] = -mu[1] * np.cos(np.pi / edges), -sum(mu) * np.cos(np.pi / edges)
+    return slip
+
+
 @pytest.mark.parametrize(("mu", "edges"), [((0.8, 0.8), 16), ((0.8, 0.8), 64), ((0.4, 0.9), 8), ((0.6, 0.3), 5)])
 def test_twist_rows_of_a_grip_are_what_uniform_pads_resist(mu: tuple[float, float], edges: int) -> None:
     """A quarter of the closing force at each corner of the driven pad, and of what the fixed one bears at each of its
@@ -217,18 +229,65 @@ def test_twist_rows_of_a_grip_are_what_uniform_pads_resist(mu: tuple[float, floa
     normals[:, 6] = 0.25
     normals[4:, 2] = 0.25
     columns = prescribed(points, edges, np.repeat(mu, 4))
-    rows = grip_rows(PADS, PADS, mu, edges)
-    slip = np.zeros((edges, 7))
-    angle = 2 * np.pi * (np.arange(edges) + 0.5) / edges
-    slip[:, 0], slip[:, 1] = np.cos(angle), np.sin(angle)
-    slip[:, 2], slip[:, 6] = -mu[1] * np.cos(np.pi / edges), -sum(mu) * np.cos(np.pi / edges)
+    rows = grip_rows(PADS, PADS, mu, edges, (0.0, 0.0))
     pressed = np.array([0.0, 0.0, -1.0, 0.0, 0.0, 0.0, -1.0])
-    rows = np.vstack([rows, slip, pressed])
+    rows = np.vstack([rows, grip_slip(mu, edges), pressed])
     start = with_force(np.zeros(6), CLOSING)
     for step in directions(60, seed=edges):
         extended = with_force(step * np.array([1.0, 1.0, 0.3, 0.0, 0.0, 0.3]), 0.0)
         exact = largest_step(columns, supplied(normals, start), supplied(normals, extended))
         assert step_by_rows(rows, start, extended) == pytest.approx(exact, rel=1e-9)
+
+
+# Uncertain contact points ---------------------------------------------------------------------------------
+
+
+def displacements(points: int, distance: float) -> Iterator[np.ndarray]:
+    """Displacements (points, 2): all points alike, all inwards, and any corners of their squares."""
+    rng = np.random.default_rng(points)
+    for sign in product((-1.0, 1.0), repeat=2):
+        yield np.tile(distance * np.array(sign), (points, 1))
+    for _ in range(20):
+        yield distance * rng.choice([-1.0, 1.0], size=(points, 2))
+
+
+def test_the_twist_of_a_cup_holds_wherever_its_contact_points_are() -> None:
+    place, distance = lip_points(8), 0.002
+    (system,) = object_systems(holding(cup(R, F)), {"part": MU}, {"part": distance})
+    start = with_force(np.zeros(6))
+    looked = 0
+    for step in directions(25, seed=1):
+        twisted = with_force(step * np.array([1.0, 1.0, 0.3, 0.2, 0.2, 1.0]), 0.0)
+        found = step_by_rows(system.facets, start, twisted)
+        for moved in (place + d for d in displacements(8, distance)):
+            normals = np.zeros((8, 7))
+            normals[:, [2, 3, 4]] = elastic(moved)
+            normals[:, 6] = normals[:, 2]
+            if (normals @ (start + min(found, FAR) * twisted)).min() > 0.0:
+                columns = prescribed(moved, 16, np.full(8, MU))
+                exact = largest_step(columns, supplied(normals, start), supplied(normals, twisted))
+                assert found <= exact * 1.005
+                looked += 1
+    assert looked > 200
+
+
+def test_the_twist_of_a_grip_holds_wherever_its_contact_points_are() -> None:
+    """The pressure is uniform, so it moves with its points: a smaller pad about the same centre is not enough."""
+    distance, mu = 0.001, (0.8, 0.8)
+    nominal, rows = (np.vstack([grip_rows(PADS, PADS, mu, 16, (d, d)), grip_slip(mu, 16)]) for d in (0.0, distance))
+    normals = np.zeros((8, 7))
+    normals[:, 6] = 0.25
+    normals[4:, 2] = 0.25
+    start, most = with_force(np.zeros(6), CLOSING), 0.0
+    for step in directions(25, seed=2):
+        twisted = with_force(step * np.array([0.3, 0.3, 0.0, 0.0, 0.0, 0.3]), 0.0)
+        found, without = (step_by_rows(own, start, twisted) for own in (rows, nominal))
+        for d in displacements(8, distance):
+            columns = prescribed(np.vstack([PADS, PADS]) + d, 16, np.repeat(mu, 4))
+            exact = largest_step(columns, supplied(normals, start), supplied(normals, twisted))
+            most = max(most, without / exact)
+            assert found <= exact * 1.005
+    assert most > 1.02
 
 
 # Cost -----------------------------------------------------------------------------------------------------
