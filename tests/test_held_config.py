@@ -43,6 +43,23 @@ MISTAKES = {
         f"{HELD}.suction.cups[0]",
         "reaches 12.4 mm beyond the top face of the part; expected",
     ),
+    "cup beside a side face": (
+        f"{HELD}.suction={{face: left, cups: [{{at: [0.01, 0], radius: 0.03}}], force: 40}}",
+        f"{HELD}.suction.cups[0]",
+        "10 mm beyond the left face of the part; expected all of it on the face, which is 0.06 m along z and 0.1 m "
+        "along x of the part",
+    ),
+    "two parts in one place": (
+        "objects.other={shape: box, size: [0.1, 0.1, 0.1], mass: 1.0, held_by: {suction: {pose: {position: "
+        "[0.09, 0, 0.02]}, cups: [{radius: 0.03}], force: 40}}}",
+        "objects.other",
+        "it overlaps with part; expected another `held_by.suction.pose`, or another size",
+    ),
+    "a tool that is no section": (
+        f"{HELD}=suction",
+        HELD,
+        "found the text 'suction'; expected a section with the keys suction, grip",
+    ),
     "cups overlap": (
         f"{HELD}.suction.cups=[{{at: [-0.01, 0], radius: 0.02}}, {{at: [0.02, 0], radius: 0.02}}]",
         f"{HELD}.suction.cups[1]",
@@ -131,6 +148,13 @@ def test_poses_of_the_tool_are_for_a_robot_without_a_tray(task: Path, capsys: py
     assert run(["validate", str(task), poses, tray, "--quiet"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert ": path.tool_poses: not allowed with a tray; expected tray_poses" in line
+
+
+def test_a_held_part_in_the_tray_overlaps_with_it(task: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    tray = "tray={size: [0.3, 0.3, 0.01], mass: 1.0, pose: {position: [0, 0, 0.03]}}"
+    assert run(["validate", str(task), tray, "--quiet"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert ": objects.part: it overlaps with tray; expected another `held_by.suction.pose`" in line
 
 
 @pytest.mark.parametrize(
