@@ -14,6 +14,9 @@ from robustopt.arrays import Array
 RESOLUTION = 1e-9
 """Lengths below a nanometre count as zero: far above rounding errors, far below any real object."""
 
+PARALLEL = 1e-6
+"""Sine of the angle below which two edges count as parallel: the sides' normals then separate them as well."""
+
 
 def rectangle(center: Array, size: Array, yaw: float = 0.0) -> Array:
     """Return the corners of a rectangle, counter-clockwise, (4, 2) [m].
@@ -115,6 +118,40 @@ def contains(polygon: Array, point: Array, tolerance: float = RESOLUTION) -> boo
         return False
     normal, offset = _half_planes(polygon)
     return bool(np.all(normal @ np.asarray(point)[:2] <= offset + tolerance))
+
+
+def prism(outline: Array, half_height: float) -> Array:
+    """Return the corners of a prism about the origin, those of the base first, (2 k, 3) [m].
+
+    Args:
+        outline: corners of the convex base, (k, 2) [m].
+        half_height: half the extent along z [m].
+    """
+    flat = np.ones(len(outline)) * half_height
+    return np.vstack([np.column_stack([outline, -flat]), np.column_stack([outline, flat])])
+
+
+def apart(first: Array, second: Array) -> bool:
+    """Return whether two convex prisms do not overlap, by the theorem of the separating axis.
+
+    Args:
+        first: corners of the one prism as of `prism`, in any common frame, (2 k, 3) [m].
+        second: corners of the other prism (2 m, 3) [m].
+    """
+    edges, axes = [], []
+    for corners in (first, second):
+        base, top = np.split(corners, 2)
+        sides, upright = np.roll(base, -1, axis=0) - base, top[0] - base[0]
+        edges.append(np.vstack([sides, upright]))
+        axes += [upright[None], np.cross(sides, upright)]
+    edges = [edge / np.linalg.norm(edge, axis=1, keepdims=True) for edge in edges]
+    crossed = np.cross(edges[0][:, None], edges[1][None]).reshape(-1, 3)
+    axes.append(crossed[np.linalg.norm(crossed, axis=1) > PARALLEL])
+    directions = np.vstack(axes)
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    a, b = first @ directions.T, second @ directions.T
+    gaps = np.maximum(a.min(axis=0) - b.max(axis=0), b.min(axis=0) - a.max(axis=0))
+    return bool(gaps.max() > -RESOLUTION)
 
 
 def convex_hull(points: Array) -> Array:

@@ -7,7 +7,18 @@ from hypothesis import strategies as st
 
 from robustopt.config import Config
 from robustopt.errors import ConfigError
-from robustopt.geometry import area, clip, contains, convex_hull, erode, rectangle, regular_polygon
+from robustopt.geometry import (
+    apart,
+    area,
+    clip,
+    contains,
+    convex_hull,
+    erode,
+    prism,
+    rectangle,
+    regular_polygon,
+    rotation_rpy,
+)
 from robustopt.scene.patches import patches
 from robustopt.scene.placement import placements, standing_order
 
@@ -156,3 +167,26 @@ def test_objects_that_stand_on_each_other_have_no_order():
     config = scene({"a": box(on="b"), "b": box(on="a"), "c": box()})
     with pytest.raises(ConfigError, match="a, b: their supports lead neither to the tray nor to a held object"):
         standing_order(config.objects)
+
+
+@pytest.mark.parametrize(
+    ("rpy", "reach"),
+    [
+        ((0.0, 0.0, 0.0), 0.5),
+        ((0.0, 0.0, np.pi / 4), np.sqrt(0.5)),  # an edge points at the face
+        ((0.0, np.pi / 4, np.arctan(np.sqrt(0.5))), None),
+    ],
+)
+def test_a_turned_cube_is_apart_from_another_beyond_its_reach_along_x(rpy, reach):
+    corners = prism(UNIT, 0.5) @ rotation_rpy(rpy).T
+    reach = corners[:, 0].max() if reach is None else reach
+    for gap, expected in ((1e-6, True), (-1e-6, False)):
+        assert apart(prism(UNIT, 0.5), corners + np.array([0.5 + reach + gap, 0.0, 0.0])) is expected
+        assert apart(corners + np.array([0.5 + reach + gap, 0.0, 0.0]), prism(UNIT, 0.5)) is expected
+
+
+def test_crossed_edges_separate_what_no_face_separates():
+    first = prism(UNIT, 0.5) @ rotation_rpy((np.pi / 4, 0.0, 0.0)).T  # an edge along x on top
+    second = prism(UNIT, 0.5) @ rotation_rpy((0.0, np.pi / 4, 0.0)).T  # an edge along y below
+    assert apart(first, second + np.array([0.0, 0.0, np.sqrt(2.0) + 1e-6]))
+    assert not apart(first, second + np.array([0.0, 0.0, np.sqrt(2.0) - 1e-6]))

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
-from scenes import FIXTURES, G
+from scenes import CONFIGS, FIXTURES, G
 
 from robustopt.cli import run
 from robustopt.config.load import load_config
@@ -42,6 +42,30 @@ MISTAKES = {
         f"objects.part={CYLINDER}{{suction: {{cups: [{{at: [0.03, 0.03], radius: 0.02}}], force: 40}}}}}}",
         f"{HELD}.suction.cups[0]",
         "reaches 12.4 mm beyond the top face of the part; expected",
+    ),
+    "cup beside a side face": (
+        f"{HELD}.suction={{face: left, cups: [{{at: [0.01, 0], radius: 0.03}}], force: 40}}",
+        f"{HELD}.suction.cups[0]",
+        "10 mm beyond the left face of the part; expected all of it on the face, which is 0.06 m along z and 0.1 m "
+        "along x of the part",
+    ),
+    "two parts in one place": (
+        "objects.other={shape: box, size: [0.1, 0.1, 0.1], mass: 1.0, held_by: {suction: {pose: {position: "
+        "[0.09, 0, 0.02]}, cups: [{radius: 0.03}], force: 40}}}",
+        "objects.other",
+        "it overlaps with part; expected another `held_by.suction.pose`, or another size",
+    ),
+    "a name twice": (
+        f"objects={{part_pad1: {CYLINDER}{{suction: {{pose: {{position: [0.3, 0, 0]}}, cups: [{{radius: 0.01}}], "
+        "force: 9}}}, part: {shape: box, size: [0.1, 0.1, 0.1], mass: 1.0, held_by: {grip: {pad: [0.02, 0.02], "
+        "force: 9}}}}",
+        "objects.part_pad1",
+        "a contact is already called part_pad1; expected another name",
+    ),
+    "a tool that is no section": (
+        f"{HELD}=suction",
+        HELD,
+        "found the text 'suction'; expected a section with the keys suction, grip",
     ),
     "cups overlap": (
         f"{HELD}.suction.cups=[{{at: [-0.01, 0], radius: 0.02}}, {{at: [0.02, 0], radius: 0.02}}]",
@@ -131,6 +155,28 @@ def test_poses_of_the_tool_are_for_a_robot_without_a_tray(task: Path, capsys: py
     assert run(["validate", str(task), poses, tray, "--quiet"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert ": path.tool_poses: not allowed with a tray; expected tray_poses" in line
+
+
+def test_a_held_part_in_the_tray_overlaps_with_it(task: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    tray = "tray={size: [0.3, 0.3, 0.01], mass: 1.0, pose: {position: [0, 0, 0.03]}}"
+    assert run(["validate", str(task), tray, "--quiet"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert ": objects.part: it overlaps with tray; expected another `held_by.suction.pose`" in line
+
+
+@pytest.mark.parametrize("part", ["tray", "tray.hands"])
+def test_several_tools_need_a_tray_with_hands(part: str, capsys: pytest.CaptureFixture[str]) -> None:
+    changes = [f"{part}=null", "objects={}", "contact.friction=0.5", "uncertainty.contact_points=0.001"]
+    assert run(["validate", str(CONFIGS / "humanoid_tray.yaml"), *changes, "--quiet"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f": robot.tool: found left_hand and right_hand, but {part} is missing; expected it, or one tool" in line
+
+
+def test_hands_on_a_tray_need_several_tools(task: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    tray = "tray={size: [0.3, 0.3, 0.01], mass: 1.0, hands: {pad: [0.02, 0.02], force: 9}}"
+    assert run(["validate", str(task), tray, "objects={}", "--quiet"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert ": tray.hands: found hands, but one tool, tool; expected robot.tool to list hands" in line
 
 
 @pytest.mark.parametrize(

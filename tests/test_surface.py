@@ -157,9 +157,10 @@ def test_the_table_of_a_plan_is_its_file(plan, tmp_path):
 def test_an_infeasible_plan_has_no_table_and_says_so(config, tmp_path):
     tilted = ro.with_values(config, {"contact.friction": 0.05, "gravity": [3.0, 0.0, -9.81]})
     plan = ro.solve(ro.build_problem(tilted))
-    for view in (plan.to_frame, lambda: plan.export(tmp_path)):
+    for view in (plan.to_frame, lambda: plan.export(tmp_path / "new")):
         with pytest.raises(ro.Infeasible, match="There is no trajectory"):
             view()
+    assert not (tmp_path / "new").exists()
     assert "No timing of the path satisfies the limits" in plan._repr_html_()
     assert isinstance(plan.plot(), Figure)
 

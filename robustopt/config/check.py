@@ -12,7 +12,7 @@ import numpy as np
 from robustopt.config.document import Finding, Key, show_key, split_key
 from robustopt.config.held_check import check_held
 from robustopt.config.model import Config
-from robustopt.config.object_model import ObjectConfig, TrayConfig
+from robustopt.config.object_model import ObjectConfig, TrayConfig, contact_names
 from robustopt.config.path_model import FramePose
 from robustopt.config.per_name import value_of
 from robustopt.config.scene_check import check_scene, same_scene
@@ -56,13 +56,19 @@ def check(config: Config, names: Collection[str] | None = None, like: Config | N
 
 
 def _without_tray(config: Config) -> Iterator[Finding]:
-    """Yield a missing tray that an object or the path needs, and tool poses in a task with a tray."""
+    """Yield a missing tray that an object or the path needs, and hands and tool poses that do not suit a tray."""
     needed = [name for name, body in config.objects.items() if TRAY in supports(body) and body.held_by is None]
     fields = ", ".join(TrayConfig.model_fields)
     if config.tray is None and (needed or config.path.tray_poses is not None):
         reason = f"{needed[0]} stands on it" if needed else "path.tray_poses is given"
         remedy = "held_by for an object that the tool holds" if needed else "path.tool_poses"
         yield ("tray",), f"missing, but {reason}; expected a section with the keys {fields}, or {remedy}"
+    hands, tools = None if config.tray is None else config.tray.hands, config.robot.tools
+    if hands is not None and len(tools) < 2:
+        yield ("tray", "hands"), f"found hands, but one tool, {tools[0]}; expected robot.tool to list hands"
+    if hands is None and len(tools) > 1:
+        missing = "tray" if config.tray is None else "tray.hands"
+        yield ("robot", "tool"), f"found {' and '.join(tools)}, but {missing} is missing; expected it, or one tool"
     if config.tray is not None and config.path.tool_poses is not None:
         yield ("path", "tool_poses"), "not allowed with a tray; expected tray_poses, the poses of the tray's centre"
 
@@ -79,6 +85,10 @@ def _names(config: Config, names: Collection[str]) -> Iterator[Finding]:
             yield ("objects", name), f"an object cannot be called {name}, a reserved name; expected another name"
         elif not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_-]*", name):
             yield ("objects", name), f"found {name!r}; expected a name of letters, digits, `_` and `-`"
+        elif name in config.environment_contacts or any(
+            name in contact_names(other, body) for other, body in config.objects.items() if other != name
+        ):
+            yield ("objects", name), f"a contact is already called {name}; expected another name"
 
 
 def _unknown(name: str, valid: Collection[str]) -> str:

@@ -64,8 +64,17 @@ def _cups(key: Key, body: ObjectConfig, hold: SuctionConfig) -> Iterator[Finding
             yield (
                 (*key, "cups", k),
                 f"the lip at [{place}] m reaches {1000 * beyond:.3g} mm beyond the {hold.face} face of the part; "
-                "expected all of it on the face",
+                f"expected all of it on the face, {_face(body, hold)}",
             )
+
+
+def _face(body: ObjectConfig, hold: HoldConfig) -> str:
+    """Return the size of the face that points to the tool, in words."""
+    if body.radius is not None:
+        return f"whose radius is {body.radius:g} m"
+    extents = 2.0 * half_extents(body)
+    sides = [f"{extents @ np.abs(axis):g} m along {'xyz'[int(np.argmax(axis))]}" for axis in FACES[hold.face][1:]]
+    return f"which is {' and '.join(sides)} of the part"
 
 
 def _beyond(body: ObjectConfig, hold: HoldConfig, centre: Array, radius: float) -> float:

@@ -82,7 +82,11 @@ class HoldConfig(Section):
         description="point of this face that lies on the z axis of `pose`, measured from the middle of the face along "
         "the part's axes: x and y for top and bottom, z and the other horizontal axis for the side faces [m]",
     )
-    yaw: Real = Field(default=0.0, description="rotation of the part about the z axis of `pose` [rad]")
+    yaw: Real = Field(
+        default=0.0,
+        description="rotation of the part about the z axis of `pose`; at 0 the part's x axis points along x of `pose`, "
+        "for the side faces its z axis [rad]",
+    )
     pressure: Literal["fixed", "free"] = Field(
         default="fixed",
         description="distribution of the normal force over the contact points of a patch under a twisting load: that "

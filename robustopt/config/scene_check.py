@@ -152,4 +152,7 @@ def _contact_points(config: Config, contacts: tuple[Patch, ...]) -> Iterator[Fin
 
 def _penetration(config: Config) -> Iterator[Finding]:
     for first, second in overlaps(config.tray, solids(config), OUTLINE_POINTS):
-        yield ("objects", second), f"it overlaps with {first}; expected another `at`, or another size"
+        body = config.objects[second]
+        held = None if body.held_by is None else "suction" if body.held_by.suction else "grip"
+        place = "at" if held is None else f"held_by.{held}.pose"
+        yield ("objects", second), f"it overlaps with {first}; expected another `{place}`, or another size"

@@ -221,14 +221,17 @@ def _usable(data: dict[str, Any], own: dict[Key, str], folder: Path) -> tuple[Co
 
 
 def _written(data: dict[str, Any], key: Key) -> Key:
-    """Return the key itself if its value can be removed, else the key of the list or section around it."""
+    """Return the key itself if its value can be removed, else the key of the list or section around it.
+
+    An object without its `held_by` would stand on the tray, so it is the object that is removed.
+    """
     written: Key = key[:1]
     container: Any = data
     for i, part in enumerate(key):
         if isinstance(part, int) or not isinstance(container, dict) or part not in container:
             break
         written, container = key[: i + 1], container[part]
-    return written
+    return written[:2] if written[::2] == ("objects", "held_by") else written
 
 
 def _remove(data: dict[str, Any], key: Key) -> None:

@@ -14,12 +14,12 @@ from robustopt.arrays import Array
 from robustopt.config.model import Config
 from robustopt.config.object_model import GripConfig, ObjectConfig, SuctionConfig, TrayConfig, contact_names
 from robustopt.geometry import (
-    RESOLUTION,
-    area,
+    apart,
     clip,
     contact_axes,
     convex_hull,
     erode,
+    prism,
     rectangle,
     regular_polygon,
 )
@@ -30,6 +30,7 @@ from robustopt.scene.placement import (
     Solids,
     footprint,
     half_extents,
+    half_height,
     holding_frame,
     part_in_hold,
     placed,
@@ -194,19 +195,29 @@ def base_outline(patches: tuple[Patch, ...]) -> Array:
 
 @lru_cache(maxsize=64)
 def overlaps(tray: TrayConfig | None, solids: Solids, points: int) -> tuple[tuple[str, str], ...]:
-    """Return the pairs of objects with the same root that overlap.
+    """Return the pairs of objects that overlap, and of the tray and held objects.
 
     Args:
         tray: the tray, if there is one.
         solids: names and shapes of the objects.
         points: number of corners that stand for the outline of a round object.
     """
-    objects, places = dict(solids), placed(tray, solids)
-    outline = {name: footprint(objects[name], place, points) for name, place in places.items()}
-    found = []
-    for first, second in combinations(places, 2):
-        a, b = places[first], places[second]
-        overlap = a.half_height + b.half_height - abs(a.planar[2] - b.planar[2])
-        if a.root == b.root and overlap > RESOLUTION and area(clip(outline[first], outline[second])) > 0:
-            found.append((first, second))
-    return tuple(found)
+    objects = dict(solids)
+    corners = {name: _corners(objects[name], place, points) for name, place in placed(tray, solids).items()}
+    if tray is not None:
+        corners = {TRAY: prism(rectangle(np.zeros(2), np.array(tray.size)), half_height(tray))} | corners
+    standing = {name for name, body in objects.items() if TRAY in supports(body)}
+    return tuple(
+        (first, second)
+        for first, second in combinations(corners, 2)
+        if not (first == TRAY and second in standing) and not apart(corners[first], corners[second])
+    )
+
+
+def _corners(body: ObjectConfig, place: Placement, points: int) -> Array:
+    """Return the corners of an object in the carrier frame (2 k, 3) [m]."""
+    if body.size is not None:
+        outline = rectangle(np.zeros(2), np.array(body.size))
+    else:
+        outline = regular_polygon(np.zeros(2), half_extents(body)[0], points)
+    return np.asarray(place.position + prism(outline, place.half_height) @ place.rotation.T)

@@ -133,9 +133,15 @@ def _outer(problem: TimeScalingProblem, method: str, guess: Array | None) -> Pla
 def _with_missing_rows(
     plan: Plan, method: str, programs: dict[int, ForceProgram], figures: dict[str, float]
 ) -> TimeScalingProblem | None:
-    """Return the problem with the contact rows that its plan violates, None if there are none."""
-    limits = list(plan.problem.limits.contacts)
-    incomplete = [k for k, limit in enumerate(limits) if method == "ipopt" or not limit.system.complete]
+    """Return the problem with the contact rows that its plan violates, None if there are none.
+
+    Only rows of limits that count are added: in a diagnosis, the plan may violate the others in every round.
+    """
+    limits, kept = list(plan.problem.limits.contacts), plan.problem.kept
+    counted = [np.array([kept is None or name in kept for name in limit.names]) for limit in limits]
+    incomplete = [
+        k for k, limit in enumerate(limits) if counted[k].any() and (method == "ipopt" or not limit.system.complete)
+    ]
     if not incomplete:
         return None
     from robustopt.solvers.force_program import ForceProgram, missing_rows, overlooked_rows
@@ -154,8 +160,9 @@ def _with_missing_rows(
             else:
                 rows, _, solved = missing_rows(limit, programs[k], points[here], u[here], x[here])
             figures["inner_programs"] += solved
-            limits[k] = limit.with_more(*rows)
-            found += len(rows[0])
+            count = counted[k][rows[1]]
+            limits[k] = limit.with_more(rows[0][count], rows[1][count])
+            found += int(count.sum())
         if found:
             break
     figures["inner_seconds"] += time.perf_counter() - began

@@ -250,11 +250,12 @@ def export(plan: Plan, folder: FilePath | str, period: float | None = None) -> l
         ConfigError: the period is not positive and finite, or too short for the duration.
     """
     folder, period = FilePath(folder), plan.problem.config.output.period if period is None else period
+    message = json.dumps(joint_trajectory(plan, period))  # may fail, and then leaves no folder behind
     folder.mkdir(parents=True, exist_ok=True)
     files = [folder / name for name in ("plan.csv", "trajectory.csv", "joint_trajectory.json")]
     write_plan_csv(plan, files[0])
     write_trajectory_csv(plan, period, files[1])
-    files[2].write_text(json.dumps(joint_trajectory(plan, period)) + "\n", encoding="utf-8")
+    files[2].write_text(message + "\n", encoding="utf-8")
     return files
 
 
