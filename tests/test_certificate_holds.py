@@ -431,6 +431,7 @@ def test_hands_that_hold_a_tray_are_looked_at(with_tray: Plan) -> None:
 @pytest.mark.parametrize(
     ("key", "enough", "wrong"), [("contact.friction.tray", 0.12, 0.07), ("tray.hands.squeeze", 28.0, 31.0)]
 )
+@pytest.mark.slow
 def test_hands_slip_with_little_friction_or_a_large_internal_force(
     with_tray: Plan, key: str, enough: float, wrong: float
 ) -> None:

@@ -215,6 +215,7 @@ def test_a_stored_plan_and_its_task_have_the_same_executions(run, tmp_path, stor
     assert first.plan_of == str(stored)
 
 
+@pytest.mark.slow
 def test_more_workers_and_a_run_of_a_run_change_no_byte(run, tmp_path, stored, monkeypatch):
     from robustopt.simulation import monte_carlo
 

@@ -95,6 +95,7 @@ class TestDurations:
         found = [(float(line["friction"]), float(line["paper"])) for line in read(tables / "durations.csv")]
         assert found == [(1.0, 3.229), (0.5, 3.232), (0.25, 3.704), (0.1875, 4.276), (0.125, 5.237)]
 
+    @pytest.mark.slow
     def test_running_twice_gives_the_same_files(self, tables, tmp_path):
         run("table_durations.py", tmp_path, "--points", "60")
         assert sorted(path.name for path in tables.iterdir()) == ["durations.csv", "durations.md", "durations.tex"]

@@ -17,7 +17,7 @@ import pytest
 from learning_tasks import remember_plans, task
 from rich.console import Console
 
-from robustopt import report
+from robustopt import __version__, report
 from robustopt.cli import terminal
 from robustopt.config.load import dump, load_config
 from robustopt.errors import RunFolderError, SolverFailed
@@ -407,7 +407,7 @@ def test_a_run_is_not_complete_without_what_it_was_begun_with(run, tmp_path, mon
 def test_executions_of_other_versions_are_refused_unless_a_person_makes_them(run, tmp_path, interrupted, monkeypatch):
     interrupted("a")
     before = learned_so_far(tmp_path / "a")
-    monkeypatch.setattr(origin, "versions", lambda: {"robustopt": "0.1.0", "mujoco": "99.0"})
+    monkeypatch.setattr(origin, "versions", lambda: {"robustopt": __version__, "mujoco": "99.0"})
     code, out, err = run("learn", "--resume", "--out", "a")
     assert (code, out) == (2, "")
     assert err.startswith("error: a: was begun with other versions: mujoco was ")
@@ -574,6 +574,7 @@ def test_it_says_so_where_the_most_conservative_parameters_fail(run, tmp_path):
     assert "bad_luck" not in table(tmp_path / "a" / "iterations.csv")[-1]
 
 
+@pytest.mark.slow
 def test_it_says_so_where_one_success_says_little(run):
     """True friction varies about what the best plan needs; so do its fresh executions."""
     parameters = "learning.parameters=[{key: contact.friction.block, optimistic: 0.6, conservative: 0.2}]"

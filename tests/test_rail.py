@@ -162,6 +162,7 @@ def test_a_rail_makes_a_plan_faster_and_possible_on_a_slippery_floor(problem: Ti
     assert np.isfinite(solve(believing(problem, on_feet(0.03))).duration)
 
 
+@pytest.mark.slow
 def test_less_certainty_about_the_hand_never_makes_a_plan_faster(problem: TimeScalingProblem) -> None:
     families: dict[str, list[Any]] = {
         "contact.friction": [{"default": 0.1, HAND: mu} for mu in (0.8, 0.5, 0.2, 0.05)],
@@ -258,6 +259,7 @@ def test_planned_forces_are_possible_and_make_the_motion(plan: Plan) -> None:
 # Executions -----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_plan_that_is_right_about_its_world_succeeds_with_the_planned_forces(fine: Plan, tmp_path: Path) -> None:
     seen = trace(fine, 0, configured("solver.collocation_points=120"))
     assert seen.outcome.status is Status.SUCCESS

@@ -208,6 +208,7 @@ def test_the_feedforward_is_that_of_the_speed(plan):
     assert not outcome_of(plan, speed=1.3).success
 
 
+@pytest.mark.slow
 def test_trials_do_not_depend_on_others_nor_on_who_runs_them(plan, monkeypatch):
     monkeypatch.setattr(monte_carlo, "cores", lambda: 2)
     monkeypatch.setattr(monte_carlo, "CHUNK", 3)
