@@ -140,6 +140,7 @@ def _centred(patch: Patch) -> tuple[Array, Array]:
     return patch.origin + patch.axes[:, :2] @ middle, patch.polygon - middle
 
 
+@lru_cache(maxsize=256)
 def _into_patch(patch: Patch) -> Array:
     """Return the matrix (6, 6) that turns wrenches about the carrier's origin into the frame of a patch."""
     centre, _ = _centred(patch)
