@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from learning_tasks import THRESHOLD, task
+from scenes import CONFIGS
 
 import robustopt as ro
 from robustopt.config.load import dump
@@ -62,3 +63,10 @@ def test_a_law_for_no_contact_is_refused():
     config = ro.load_config(PAPER_TASK)
     with pytest.raises(ro.RobustOptError, match="which is no contact of an object; expected"):
         ro.build_problem(config, laws={"plank": lambda patch, mu, edges: None})
+
+
+@pytest.mark.parametrize(("name", "contact"), [("pick_gripper", "casting_pad1"), ("pick_suction", "carton")])
+def test_a_law_for_cups_or_pads_is_refused(name, contact):
+    config = ro.load_config(CONFIGS / f"{name}.yaml")
+    with pytest.raises(ro.ConfigError, match=f"a law for {contact}, where the tool holds the object; expected no law"):
+        ro.build_problem(config, laws={contact: lambda patch, mu, edges: None})

@@ -53,13 +53,13 @@ def contact_limits(
 
 
 def _require_contacts(config: Config, laws: Mapping[str, ContactLaw]) -> None:
-    names = [patch.name for patch in patches(config)]
+    found = {patch.name: patch.law for patch in patches(config)}
+    standing = ", ".join(name for name, law in found.items() if law is Law.FRICTION)
+    expected = f"one of {standing}" if standing else "no law, as the tool holds all objects"
     for name in laws:
-        if name not in names:
-            known = ", ".join(names)
-            raise ConfigError(
-                f"found a law for {name}, which is no contact of an object; expected one of {known}", "objects"
-            )
+        reason = "where the tool holds the object" if name in found else "which is no contact of an object"
+        if found.get(name) is not Law.FRICTION:
+            raise ConfigError(f"found a law for {name}, {reason}; expected {expected}", "objects")
 
 
 def carried_limits(

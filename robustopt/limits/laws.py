@@ -114,16 +114,16 @@ def links(
         friction: coefficient of friction of each patch by its name.
         edges: number of edges of each friction cone.
         shift: largest displacement of each contact point along x and y, by contact; 0 if it is missing [m].
-        laws: laws of a user, by the name of the contact.
+        laws: laws of a user, by the name of the contact of an object that stands on its support.
     """
     found, own = [], laws or {}
-    for _, group in groupby(patches, lambda patch: (patch.object, patch.support, patch.name in own)):
+    for _, group in groupby(patches, lambda patch: (patch.object, patch.support)):
         nominal = tuple(group)
         reach = tuple(shift.get(patch.name, 0.0) for patch in nominal)
         parts = tuple(eroded(patch, distance) for patch, distance in zip(nominal, reach, strict=True))
         first, mu = parts[0], tuple(friction[patch.name] for patch in parts)
         if first.name in own:
-            found += [_users(patch, own[patch.name](patch, friction[patch.name], edges)) for patch in parts]
+            found.append(_users(first, own[first.name](first, mu[0], edges)))
         elif first.law is Law.FRICTION:
             found.append(_friction(first, mu[0], edges))
         elif first.law is Law.SUCTION:
