@@ -125,10 +125,10 @@ def resistance(points: Array, y: Array, edges: int, reach: Array) -> Array:
 
 
 def displaced(points: Array, reach: Array) -> tuple[Array, ...]:
-    """Return placements of contact points whose twist is bounded for all: nominal, drawn in, and shifted as a whole.
+    """Return the placements of contact points that give the rows: nominal, drawn in, and shifted as a whole.
 
-    The least friction of each point is exact, whatever the others do (see `resistance`). The motions and the elastic
-    pressure are those of these placements alone (our choice); the certificate searches all of them.
+    The least friction of each point is exact for any placement of the others (see `resistance`). The motions and the
+    elastic pressure are taken from these placements alone (our choice); the certificate searches all placements.
 
     Args:
         points: nominal contact points about the centre (n, 2) [m].
