@@ -87,9 +87,7 @@ class Track:
     def u_max(self) -> Array:
         """Return the largest |u| with which x stays within its bounds on the intervals beside a grid point, (P,)."""
         ds = np.diff(self.s)
-        rise = np.divide(
-            np.maximum(self.x_max[:-1], self.x_max[1:]), 2.0 * ds, out=np.zeros_like(ds), where=ds > 0
-        )
+        rise = np.divide(np.maximum(self.x_max[:-1], self.x_max[1:]), 2.0 * ds, out=np.zeros_like(ds), where=ds > 0)
         return np.maximum(np.r_[rise, 0.0], np.r_[0.0, rise])
 
     def loads(
