@@ -108,7 +108,7 @@ def test_a_speed_that_nothing_bounds_is_an_error(limit, method):
 
 @pytest.mark.parametrize("kind", ["velocity", "acceleration", "torque"])
 def test_two_of_three_limits_may_be_missing(kind):
-    limits = {"all": {name: np.inf for name in KINDS["all"]} | {kind: 2.0}}
+    limits = {"all": dict.fromkeys(KINDS["all"], np.inf) | {kind: 2.0}}
     plan = plan_of(scene(robot_keys={"limits": limits}, solver={"collocation_points": 400}))
     mass = 3.0 if kind == "torque" else 1.0
     expected = 0.5 if kind == "velocity" else bang_bang(1.0, 2.0 / mass)
@@ -135,6 +135,8 @@ def test_a_plan_without_limits_is_executed_reported_and_drawn(run, tmp_path):
     endless = "robot.limits.all={velocity: .inf, acceleration: .inf, torque: .inf}"
     task = [CONFIGS / "waiter_one_block.yaml", endless, "solver.collocation_points=60", "execution.trials=2"]
     code, out, _ = run("plan", *task, "--json", "--out", tmp_path / "run")
-    assert code == 0 and json.loads(out)["certificate"]["passed"]
+    assert code == 0
+    assert json.loads(out)["certificate"]["passed"]
     code, out, _ = run("execute", tmp_path / "run", "--json", "--out", tmp_path / "executed")
-    assert code == 0 and json.loads(out)
+    assert code == 0
+    assert json.loads(out)
