@@ -125,8 +125,8 @@ def _numeric(robot: RobotModel, numeric: str, urdf: Mapping[str, float]) -> Arra
         )
     wrong = data[~(data >= 0)]
     if len(wrong):
-        found = f"found {wrong[0]:g}; expected limits above 0, or inf for none"
-        raise RobotError(f"{robot.file}: numeric {numeric}: {found}", key="robot.model")
+        complaint = f"found {wrong[0]:g}; expected limits above 0, or inf for none"
+        raise RobotError(f"{robot.file}: numeric {numeric}: {complaint}", key="robot.model")
     return np.where(data > 0, data, np.nan)
 
 
