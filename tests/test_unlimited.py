@@ -14,7 +14,7 @@ from robustopt.robot import load_robot
 from robustopt.solvers import Plan, Status
 from robustopt.solvers.diagnosis import diagnose
 
-SLOW, MORE = pytest.mark.slow, ("heavy", "two_blocks", "side_by_side", "bridge")
+SLOW, MORE = pytest.mark.slow, ("heavy", "two_blocks", "bridge")
 METHODS = ("reachability", "ipopt")
 SCALES = (1.0, 10.0, 1e3, 1e6, 1e9, 1e12, 1e300, np.inf)
 KINDS = {
