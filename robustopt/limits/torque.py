@@ -190,9 +190,9 @@ class TorqueLimit:
         chosen = np.tile(used, 2) & self.limited
         B, base, terms = self.B, self.base_at(self.reference, self.x_top), self.base_terms
         if not chosen.all():
-            B, base = np.ascontiguousarray(B[:, chosen]), np.ascontiguousarray(base[:, chosen])
+            B, base = B[:, chosen], np.ascontiguousarray(base[:, chosen])
             terms = np.ascontiguousarray(terms[:, chosen]) if terms.size else terms
-        outline = polygons.cut(outline, Family(B, self.loads, base, terms, np.tile(index, 2)[chosen]))
+        outline = polygons.cut(outline, Family(np.ascontiguousarray(B), self.loads, base, terms, np.tile(index, 2)[chosen]))
         shared = self.sharing.family(used, index) if self.sharing is not None else None
         return outline if shared is None else polygons.cut(outline, shared)
 
@@ -255,7 +255,7 @@ class TorqueLimit:
             x: sd^2 (M,).
             points: grid point of each (M,).
         """
-        family = Family(self.B, self.loads, self.base, self.base_terms, np.arange(self.B.shape[1]))
+        family = Family(np.ascontiguousarray(self.B), self.loads, self.base, self.base_terms, np.arange(self.B.shape[1]))
         values = polygons.evaluate(family, points, u, x)
         values += self.viscous[points] * np.sqrt(np.maximum(x, 0.0))[:, None]
         if self.sharing is None:
