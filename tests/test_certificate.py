@@ -40,7 +40,7 @@ TALL = {"shape": "box", "size": [0.1, 0.1, 0.4], "mass": 0.5}
 class LinePath:
     """q(s) = start + s direction, one piece."""
 
-    stances = ()
+    stances = switches = ()
 
     def __init__(self, direction: list[float]) -> None:
         self.direction = np.array(direction)
@@ -53,7 +53,7 @@ class LinePath:
 class BumpPath:
     """One joint: q'' is a half wave of height `bump` for s between 0.4 and 0.6, and 0 elsewhere."""
 
-    stances = ()
+    stances = switches = ()
 
     def __init__(self, bump: float) -> None:
         self.bump = bump
@@ -362,7 +362,7 @@ def test_load_torque_against_a_model_with_the_load_in_it() -> None:
     robot = load_robot(config)
     rng = np.random.default_rng(0)
     bend = rng.normal(size=(3, 6))
-    path = SimpleNamespace(evaluate=lambda s, piece, order=0: _cubic(bend, s, order), stances=())
+    path = SimpleNamespace(evaluate=lambda s, piece, order=0: _cubic(bend, s, order), stances=(), switches=())
     plan = timing(config, path, np.array([3.0, -3.0]))
     plan.problem.robot = robot
     world, moving, at = seen(config, plan, (0.3, 0.7))

@@ -68,7 +68,7 @@ class Problem:
         self.row_names = tuple(f"joint{k + 1} acceleration" for k in range(n)) * 2
         self.feasible = np.ones(self.s.size, dtype=bool)
         self.rest = np.isin(np.arange(self.s.size), [0, half.size - 1, half.size, self.s.size - 1])
-        beliefs = SimpleNamespace(joint_acceleration=error)
+        beliefs = SimpleNamespace(joint_acceleration=error, base_acceleration=0.0)
         self.config = SimpleNamespace(name="wave", objects={}, uncertainty=beliefs)
         x_max = np.min((3.0 / np.maximum(np.abs(self.q1), 1e-9)) ** 2, axis=1)
         self.facets = ()

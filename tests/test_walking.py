@@ -6,6 +6,7 @@ import json
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import mujoco
@@ -344,6 +345,17 @@ def test_a_plan_for_less_uncertainty_fails_its_certificate(plan: Plan, values: d
 def test_a_full_certificate_agrees_and_is_the_same_again(problem: TimeScalingProblem, plan: Plan) -> None:
     quick, again = certify(plan, seed=3), certify(plan, seed=3, config=with_values(problem.config, {}))
     assert quick == again
+
+
+def test_the_certificate_stands_on_one_foot_at_every_switch_of_three_steps() -> None:
+    """Rounding separates k / 7 from the switches of the path, and a switch counted as one on both feet."""
+    steps = (
+        "path.steps=[{foot: right, to: [0.1, -0.16]}, {foot: left, to: [0.2, 0.16]}, {foot: right, to: [0.2, -0.16]}]"
+    )
+    problem = build_problem(configured(steps))
+    at = SimpleNamespace(s=problem.path.switches)
+    standing = stances(SimpleNamespace(problem=problem), at)
+    assert [len(problem.path.stances[k].contacts) for k in standing] == [1] * 6
 
 
 def test_base_and_joints_require_the_forces_of_mujocos_inverse_dynamics(

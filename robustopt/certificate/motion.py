@@ -290,12 +290,11 @@ def _link(robot: Robot, name: str, nodes: list[Array], at: Instants) -> tuple[Fr
 
 def stances(plan: Plan, at: Instants) -> Indices:
     """Return the stance (T,) of each instant: at a switch the one with fewer contacts, without steps 0."""
-    found = plan.problem.path.stances
-    borders = np.array([stance.begin for stance in found[1:]])
-    before = np.searchsorted(borders, at.s, side="left")
-    after = np.searchsorted(borders, at.s, side="right")
-    count = np.array([len(stance.contacts) for stance in found]) if found else np.zeros(1)
-    return np.where(count[after] <= count[before], after, before)
+    found, chosen = plan.problem.path.stances, np.zeros(len(at.s), dtype=np.intp)
+    borders = [0.0, *plan.problem.path.switches, 1.0]
+    for k in sorted(range(len(found)), key=lambda k: -len(found[k].contacts)):
+        chosen[(borders[k] <= at.s) & (at.s <= borders[k + 1])] = k
+    return chosen
 
 
 def _product(matrices: Array, vectors: Array) -> Array:

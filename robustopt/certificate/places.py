@@ -16,15 +16,14 @@ DRIFT = 1e-4
 def check_places(plan: Plan, at: Instants, tally: Tally) -> None:
     """Check the distances of all contact points from their places on the path."""
     robot, path = plan.problem.robot, plan.problem.path
-    if not path.stances:
-        return
-    found = robot.contact_points(path.evaluate(at.node_s, at.node_piece)[at.node])
-    stance, drift = stances(plan, at), np.zeros(len(at.s))
     for k, own in enumerate(path.stances):
-        here = stance == k
-        for name, place in own.places.items():
-            away = np.linalg.norm(found[name][here] - place.world(robot.contacts[name].points), axis=2)
-            drift[here] = np.maximum(drift[here], away.max(axis=1, initial=0.0))
-    for t in tally.peaks(drift, np.arange(len(drift))):
-        tally.add(IN_PLACE, Found(float(drift[t]) / DRIFT, t, IN_PLACE, {}))
-    tally.tests += len(drift)
+        here = np.flatnonzero(stances(plan, at) == k)
+        found = robot.contact_points(path.evaluate(at.node_s, at.node_piece)[at.node[here]])
+        away = [
+            np.linalg.norm(found[name] - place.world(robot.contacts[name].points), axis=2).max(axis=1)
+            for name, place in own.places.items()
+        ]
+        drift = np.max(away, axis=0)
+        for t in tally.peaks(drift, here):
+            tally.add(IN_PLACE, Found(float(drift[t]) / DRIFT, int(here[t]), IN_PLACE, {}))
+        tally.tests += len(drift)

@@ -144,8 +144,7 @@ def _contacts_without_friction(config: Config, names: Collection[str]) -> Iterat
         objects = set(config.interfaces.values()) - set(config.interfaces)
         missing = [name for name, owner in known.items() if name not in friction and owner not in friction]
         if missing := [name for name in missing if name not in objects]:
-            kind = "object" if config.path.steps is None else "contact"
-            message = f"no value for {', '.join(missing)}; expected one for each {kind}, or `default`"
+            message = f"no value for {', '.join(missing)}; expected one for each object or contact, or `default`"
             yield ("contact", "friction"), message
 
 

@@ -40,8 +40,10 @@ def _without_steps(config: Config) -> Iterator[Finding]:
         yield ("path", "start"), "found the positions of feet; expected joint positions, or path.steps too"
     if config.path.rail is not None:
         yield ("path", "rail"), "not allowed without path.steps: only a walking robot has a hand on a rail"
-    if np.any(config.uncertainty.base_acceleration):
+    if config.uncertainty.base_acceleration != 0.0:
         yield ("uncertainty", "base_acceleration"), "not allowed without path.steps: it is for walking robots"
+    if len(config.robot.tools) > 1:
+        yield ("robot", "tool"), "found several hands; expected one tool: only a walking robot holds a tray with hands"
 
 
 def _beside_steps(config: Config) -> Iterator[Finding]:

@@ -9,7 +9,7 @@ import numpy as np
 from robustopt.arrays import Array, Indices
 from robustopt.config import Config
 from robustopt.config.object_model import GripConfig
-from robustopt.errors import ConfigError
+from robustopt.errors import ConfigError, RobotError
 from robustopt.limits.bodies import Body
 from robustopt.limits.contact_limit import ContactLimit
 from robustopt.limits.hands import hand_force, hand_systems
@@ -117,18 +117,15 @@ def _finger(config: Config, name: str) -> Finger | None:
 
 def _stance_limits(config: Config, track: Track, uncertainty: Uncertainty) -> list[ContactLimit]:
     """Return the limit of the environment contacts of each stance."""
-    robot, path = track.robot, track.path
-    if not path.stances:
-        return []
-    on_base = _first_rows(track.generalised_force(uncertainty), robot.base)
+    robot, found = track.robot, []
     soles = _certain_soles(track, uncertainty)
-    borders = np.searchsorted(track.s, np.concatenate([[0.0], path.switches, [1.0]])).tolist()
-    mass = robot.mass + sum(body.nominal[0] for body in uncertainty.bodies)
-    friction, edges = uncertainty.worst_friction, config.contact.cone_edges
-    return [
-        ContactLimit.of(stance_system(stance, soles, friction, edges), on_base, STANDARD_GRAVITY * mass, first, last)
-        for stance, first, last in zip(path.stances, borders[:-1], borders[1:], strict=True)
-    ]
+    weight = STANDARD_GRAVITY * (robot.mass + sum(body.nominal[0] for body in uncertainty.bodies))
+    borders = np.searchsorted(track.s, np.concatenate([[0.0], track.path.switches, [1.0]])).tolist()
+    for k, stance in enumerate(track.path.stances):
+        system = stance_system(stance, soles, uncertainty.worst_friction, config.contact.cone_edges)
+        on_base = _first_rows(track.generalised_force(uncertainty), robot.base)
+        found.append(ContactLimit.of(system, on_base, weight, borders[k], borders[k + 1]))
+    return found
 
 
 def _first_rows(loads: RequiredWrench, count: int) -> RequiredWrench:
@@ -153,11 +150,19 @@ def torque_limit(track: Track, uncertainty: Uncertainty, contacts: Sequence[Cont
         track: the track.
         uncertainty: the uncertain quantities.
         contacts: the limits of all contacts, stances first.
+
+    Raises:
+        RobotError: the joints of a legged robot have friction.
     """
     robot = track.robot
     if not robot.base:
         payload = track.loads((uncertainty.bodies,), (np.zeros(3),), uncertainty.error)
         return track.payload_torque(payload, uncertainty.error)
+    if np.any(robot.limits.dry_friction) or np.any(robot.limits.viscous_friction):
+        raise RobotError(
+            "found friction in the joints, which a walking robot must not have; expected robot.joint_friction: false",
+            key="robot.joint_friction",
+        )
     stances = tuple(contacts[: len(track.path.stances)])
     return legged_torque(
         track.motion, track.names(LimitKind.TORQUE), robot.limits.torque, robot.chains, robot.base,

@@ -54,10 +54,10 @@ class SharedRow:
 
 @dataclass(frozen=True, eq=False)
 class Sharing:
-    """Dependence of the torques of a legged robot on its environment contacts.
+    """Dependence of the torques of a robot on its environment contacts.
 
     Attributes:
-        loads: generalised force of the motion.
+        loads: the required wrench: of the payload, or with environment contacts the generalised force of the motion.
         known: whether a joint torque is independent of how the contacts share the wrench (P, n).
         contacts: limit of each stance.
         standing: index of the stance of each grid point (P,); at a switch, of the stance with fewer contacts.
@@ -139,7 +139,7 @@ class TorqueLimit:
         limited: which rows have a finite limit (2n,).
         x_top: largest x that the joint velocities allow (P,).
         reference: x about which the viscous torque is linearised (P,), nan for none.
-        sharing: sharing of the wrench between contacts; None for an arm.
+        sharing: sharing of the wrench between environment contacts.
     """
 
     names: tuple[LimitName, ...]
@@ -151,7 +151,7 @@ class TorqueLimit:
     limited: Flags
     x_top: Array
     reference: Array
-    sharing: Sharing | None = None
+    sharing: Sharing
 
     def carrying(self, payload: RequiredWrench, base_terms: Array) -> TorqueLimit:
         """Return the same limits with another payload and other half-widths of the acceleration error.
@@ -160,7 +160,7 @@ class TorqueLimit:
             payload: required wrench of the payload.
             base_terms: contribution of each constant interval term to a row (P, 2n, n_c).
         """
-        return replace(self, loads=payload, base_terms=base_terms)
+        return replace(self, loads=payload, base_terms=base_terms, sharing=replace(self.sharing, loads=payload))
 
     def with_reference(self, reference: Array) -> TorqueLimit:
         """Return the same limits with the viscous torque linearised about another x.
@@ -174,9 +174,8 @@ class TorqueLimit:
         """Return the same limits with further rows of shared wrenches.
 
         Args:
-            rows: the rows; the robot must be a legged one.
+            rows: the rows.
         """
-        assert self.sharing is not None
         return replace(self, sharing=replace(self.sharing, rows=(*self.sharing.rows, *rows)))
 
     def cut(self, outline: Polygons, index: Indices, used: Flags) -> Polygons:
@@ -192,8 +191,9 @@ class TorqueLimit:
         if not chosen.all():
             B, base = B[:, chosen], np.ascontiguousarray(base[:, chosen])
             terms = np.ascontiguousarray(terms[:, chosen]) if terms.size else terms
-        outline = polygons.cut(outline, Family(np.ascontiguousarray(B), self.loads, base, terms, np.tile(index, 2)[chosen]))
-        shared = self.sharing.family(used, index) if self.sharing is not None else None
+        family = Family(np.ascontiguousarray(B), self.loads, base, terms, np.tile(index, 2)[chosen])
+        outline = polygons.cut(outline, family)
+        shared = self.sharing.family(used, index)
         return outline if shared is None else polygons.cut(outline, shared)
 
     def base_at(self, reference: Array, x_top: Array) -> Array:
@@ -255,11 +255,10 @@ class TorqueLimit:
             x: sd^2 (M,).
             points: grid point of each (M,).
         """
-        family = Family(np.ascontiguousarray(self.B), self.loads, self.base, self.base_terms, np.arange(self.B.shape[1]))
+        B = np.ascontiguousarray(self.B)
+        family = Family(B, self.loads, self.base, self.base_terms, np.arange(B.shape[1]))
         values = polygons.evaluate(family, points, u, x)
         values += self.viscous[points] * np.sqrt(np.maximum(x, 0.0))[:, None]
-        if self.sharing is None:
-            return values
         return np.where(np.tile(self.sharing.known[points], 2), values, np.nan)
 
     def excess(self, u: Array, x: Array, points: Indices) -> Array:
@@ -304,8 +303,9 @@ def payload_torque(
     base[:, :, 2] -= 1.0
     viscous = _both(limits.viscous_friction * motion.q1) * (sign / limit)
     terms = own_inertia_terms(motion, limits, loads, radius)
-    none = np.full(points, np.nan)
-    return TorqueLimit(names, B, loads, base, terms, viscous, np.ones(2 * joints, dtype=bool), x_top, none)
+    none, known = np.full(points, np.nan), np.ones((points, joints), dtype=bool)
+    sharing = Sharing(loads, known, (), np.zeros(points, dtype=np.intp), arm, limits.torque, {})
+    return TorqueLimit(names, B, loads, base, terms, viscous, np.ones(2 * joints, dtype=bool), x_top, none, sharing)
 
 
 def _both(array: Array) -> Array:

@@ -136,7 +136,7 @@ def acceleration_error(config: Config, coordinates: int, base: int) -> Accelerat
     """
     error = config.uncertainty.joint_acceleration
     middle, radius = np.zeros(coordinates), np.zeros(coordinates)
-    radius[:base] = config.uncertainty.base_acceleration if base else 0.0
+    radius[:base] = config.uncertainty.base_acceleration
     if error is not None:
         middle[base:] = _per_joint("mean", error.mean, coordinates - base)
         radius[base:] = error.K * _per_joint("deviation", error.deviation, coordinates - base)

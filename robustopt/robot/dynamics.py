@@ -14,7 +14,6 @@ import mujoco
 import numpy as np
 
 from robustopt.arrays import Array
-from robustopt.config import BASE_COORDINATES as BASE
 from robustopt.robot.floating_base import base_to_wrench
 
 
@@ -135,8 +134,9 @@ def path_dynamics(model: mujoco.MjModel, frames: Frames, q: Array, q1: Array, q2
     P, n = q.shape
     data, origin = mujoco.MjData(model), np.zeros(3)
     mass_matrix, force_0, moving = np.empty((P, n, n)), np.empty((P, n)), np.empty((P, n))
-    jacobians = {name: np.empty((P, 6, n)) for name in frames.contacts}
+    jacobians, of_base = {name: np.empty((P, 6, n)) for name in frames.contacts}, np.empty((P, 6, n))
     contacts = [(J[:, :3], J[:, 3:], frames.contacts[name]) for name, J in jacobians.items()]
+    contacts.append((of_base[:, :3], of_base[:, 3:], int(model.jnt_bodyid[0])))
     carrier = _Carrier(model, data, frames, P) if frames.carrier is not None else None
     springs = np.any(model.jnt_stiffness) or np.any(model.jnt_stiffnesspoly) or model.ntendon
     for i in range(P):
@@ -162,8 +162,7 @@ def path_dynamics(model: mujoco.MjModel, frames: Frames, q: Array, q1: Array, q2
             moving[i] -= data.qfrc_spring
     force_u = (mass_matrix @ q1[:, :, None])[:, :, 0]
     force_x = (mass_matrix @ q2[:, :, None])[:, :, 0] + moving - force_0
-    if frames.base:
-        _base_rows_to_wrench(next(iter(jacobians.values())), (force_u, force_x, force_0), mass_matrix)
+    _base_rows_to_wrench(of_base, frames.base, (force_u, force_x, force_0), mass_matrix)
     motion = carrier.motion(q1) if carrier is not None else None
     return Dynamics(force_u, force_x, force_0, mass_matrix, jacobians, motion)
 
@@ -210,12 +209,12 @@ class _Carrier:
         return CarrierMotion(self._position, self._rotation, J, rate, gravity, hands)
 
 
-def _base_rows_to_wrench(jacobian: Array, forces: tuple[Array, ...], mass_matrix: Array) -> None:
+def _base_rows_to_wrench(jacobian: Array, base: int, forces: tuple[Array, ...], mass_matrix: Array) -> None:
     """Turn the base rows of forces (P, n) and a mass matrix (P, n, n) into wrenches about the world's origin."""
-    to_wrench = base_to_wrench(jacobian)
+    to_wrench = base_to_wrench(jacobian, base)
     for part in forces:
-        part[:, :BASE] = (to_wrench @ part[:, :BASE, None])[:, :, 0]
-    mass_matrix[:, :BASE] = to_wrench @ mass_matrix[:, :BASE]
+        part[:, :base] = (to_wrench @ part[:, :base, None])[:, :, 0]
+    mass_matrix[:, :base] = to_wrench @ mass_matrix[:, :base]
 
 
 def inverse_dynamics(
@@ -245,16 +244,17 @@ def inverse_dynamics(
     data = mujoco.MjData(model)
     T, n = q.shape
     force, inertia = np.empty((T, n)), np.empty((T, n, n))
-    jacobians = {name: np.empty((T, 6, n)) for name in frames.contacts}
+    jacobians, of_base = {name: np.empty((T, 6, n)) for name in frames.contacts}, np.empty((T, 6, n))
+    contacts = [(J, frames.contacts[name]) for name, J in jacobians.items()]
+    contacts.append((of_base, int(model.jnt_bodyid[0])))
     for t in range(T):
         data.qpos[:], data.qvel[:], data.qacc[:] = q[t], qd[t], qdd[t]
         mujoco.mj_inverse(model, data)
         force[t] = data.qfrc_inverse
         mujoco.mj_fullM(model, data, inertia[t])
-        for name, J in jacobians.items():
-            mujoco.mj_jac(model, data, J[t, :3], J[t, 3:], np.zeros(3), frames.contacts[name])
-    if frames.base:
-        _base_rows_to_wrench(next(iter(jacobians.values())), (force,), inertia)
+        for J, body in contacts:
+            mujoco.mj_jac(model, data, J[t, :3], J[t, 3:], np.zeros(3), body)
+    _base_rows_to_wrench(of_base, frames.base, (force,), inertia)
     return force, inertia, jacobians
 
 
@@ -306,8 +306,7 @@ def body_motion(model: mujoco.MjModel, base: int, name: str, q: Array, q1: Array
     per_u = (local @ q1[:, :, None])[:, :, 0]
     per_x = (local @ q2[:, :, None])[:, :, 0] + curve
     to_force = np.swapaxes(local, 1, 2).copy()
-    if base:
-        to_force[:, :BASE] = base_to_wrench(at_origin) @ to_force[:, :BASE]
+    to_force[:, :base] = base_to_wrench(at_origin, base) @ to_force[:, :base]
     gravity = into @ np.array(model.opt.gravity)
     return BodyMotion(
         per_u[:, :3], per_x[:, :3], -gravity, per_u[:, 3:], per_x[:, 3:], per_u[:, 3:], local, to_force

@@ -11,14 +11,12 @@ import numpy as np
 
 from robustopt.arrays import Array
 from robustopt.config import BASE_COORDINATES as BASE
+from robustopt.config import Config
 from robustopt.errors import RobotError
-from robustopt.robot.model_file import USUAL
+from robustopt.robot.model_file import USUAL, joint_names
 
 BASE_JOINTS = ("base_x", "base_y", "base_z", "base_yaw", "base_pitch", "base_roll")
 """Coordinates of the floating base in their order: position in the world, then rotations about z, y and x."""
-
-FREE_JOINT = 7
-"""Number of positions of a free joint: three coordinates and a quaternion."""
 
 
 def base_coordinates(model: mujoco.MjModel, file: str) -> int:
@@ -45,32 +43,38 @@ def base_coordinates(model: mujoco.MjModel, file: str) -> int:
     return BASE if first else 0
 
 
-def keyframe_posture(model: mujoco.MjModel, file: str) -> Array:
-    """Return the coordinates of a walking robot in its first keyframe, with the base upright, (n,) [m and rad].
+def posture_of(model: mujoco.MjModel, base: int) -> dict[str, float]:
+    """Return the coordinates of a robot in its first keyframe, with the base upright, by name [m and rad].
 
     Args:
+        model: the model as in its file; without a keyframe its joints are at their default positions.
+        base: number of base coordinates.
+    """
+    first = [*model.key_qpos, model.qpos0][0]
+    names = [*BASE_JOINTS[:base], *joint_names(model)[base // BASE :]]
+    upright = np.zeros(base // 2)
+    return dict(zip(names, [*first[: base // 2], *upright, *first[base + base // BASE :]], strict=True))
+
+
+def require_walker(config: Config, model: mujoco.MjModel, file: str) -> None:
+    """Check that a walking robot has steps and a posture, and no springs, which its dynamics do not include.
+
+    Args:
+        config: the configuration.
         model: the model as in its file.
         file: name of the model file, for messages.
 
     Raises:
-        RobotError: the model has no keyframe.
+        RobotError: the path has no steps, the model has no keyframe, or a joint or tendon has a stiffness.
     """
+    if config.path.steps is None:
+        raise RobotError(
+            f"{file} has the free joint {model.joint(0).name!r}, so it is a walking robot, whose path is path.steps; "
+            "give path.steps, or a model without a free joint",
+            key="robot.model",
+        )
     if model.nkey == 0:
         raise RobotError(f"{file} has no keyframe; expected the posture of the robot", key="robot.model")
-    key = model.key_qpos[0]
-    return np.concatenate([key[:3], np.zeros(3), key[FREE_JOINT:]])
-
-
-def require_no_springs(model: mujoco.MjModel, file: str) -> None:
-    """Check that a walking robot has no springs, which its dynamics do not include.
-
-    Args:
-        model: the model as in its file.
-        file: name of the model file, for messages.
-
-    Raises:
-        RobotError: a joint or tendon has a stiffness.
-    """
     sprung = [model.joint(k).name for k in np.flatnonzero(model.jnt_stiffness)]
     sprung += [model.tendon(k).name for k in np.flatnonzero(model.tendon_stiffness)]
     if sprung:
@@ -81,44 +85,44 @@ def require_no_springs(model: mujoco.MjModel, file: str) -> None:
         )
 
 
-def replace_free_joint(spec: mujoco.MjSpec, original: mujoco.MjModel) -> None:
-    """Put three slides and three hinges in place of the free joint of the model.
+def replace_free_joints(spec: mujoco.MjSpec) -> None:
+    """Put three slides and three hinges in place of each free joint of a model.
 
     Args:
         spec: specification of the model, which is changed.
-        original: the compiled model as in its file; its first joint is the free one.
     """
-    name = original.joint(0).name
-    body = spec.joint(name).parent
-    spec.delete(spec.joint(name))
-    body.pos, body.quat = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
     slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
     axes = np.eye(3)
     kinds = [(slide, axes[0]), (slide, axes[1]), (slide, axes[2]), (hinge, axes[2]), (hinge, axes[1]), (hinge, axes[0])]
-    for joint, (kind, axis) in zip(BASE_JOINTS, kinds, strict=True):
-        body.add_joint(
-            USUAL.default, name=joint, type=kind, axis=axis, armature=0.0, damping=0.0, frictionloss=0.0, stiffness=0.0,
-            limited=mujoco.mjtLimited.mjLIMITED_FALSE,
-        )  # fmt: skip
+    for free in [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]:
+        body = free.parent
+        spec.delete(free)
+        body.pos, body.quat = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
+        for name, (kind, axis) in zip(BASE_JOINTS, kinds, strict=True):
+            body.add_joint(
+                USUAL.default, name=name, type=kind, axis=axis, armature=0.0, damping=0.0, frictionloss=0.0,
+                stiffness=0.0, limited=mujoco.mjtLimited.mjLIMITED_FALSE,
+            )  # fmt: skip
 
 
-def free_joint_positions(q: Array) -> Array:
-    """Return the positions of a robot whose base is a free joint.
+def free_joint_positions(q: Array, base: int) -> Array:
+    """Return the positions of a robot whose base, if it has one, is a free joint.
 
     Args:
-        q: coordinates, with the six of the base first (P, n).
+        q: coordinates, with those of the base first (P, n).
+        base: number of base coordinates.
 
     Returns:
-        Positions qpos (P, n + 1), with position and quaternion w, x, y, z of the base first.
+        Positions qpos (P, n + base / 6), with position and quaternion w, x, y, z of the base first.
     """
-    half = 0.5 * q[:, 3:6]
-    (cz, cy, cx), (sz, sy, sx) = np.cos(half).T, np.sin(half).T
+    half = 0.5 * q[:, base // 2 : base].reshape(len(q), base // BASE, 3)
+    (cz, cy, cx), (sz, sy, sx) = np.moveaxis(np.cos(half), 2, 0), np.moveaxis(np.sin(half), 2, 0)
     w, x = cz * cy * cx + sz * sy * sx, cz * cy * sx - sz * sy * cx
     y, z = cz * sy * cx + sz * cy * sx, sz * cy * cx - cz * sy * sx
-    return np.column_stack([q[:, :3], w, x, y, z, q[:, BASE:]])
+    return np.column_stack([q[:, : base // 2], w, x, y, z, q[:, base:]])
 
 
-def base_to_wrench(jacobian: Array) -> Array:
+def base_to_wrench(jacobian: Array, base: int) -> Array:
     """Return the matrix from generalised forces of the base's coordinates to the wrench about the world's origin.
 
     Every body moves with the base like a rigid body, so the base columns of the Jacobian of any body at the world's
@@ -126,8 +130,9 @@ def base_to_wrench(jacobian: Array) -> Array:
 
     Args:
         jacobian: Jacobian of a point at the world's origin that is fixed to any body (P, 6, n).
+        base: number of base coordinates.
 
     Returns:
-        The matrices (P, 6, 6).
+        The matrices (P, base, base).
     """
-    return np.asarray(np.linalg.inv(np.swapaxes(jacobian[:, :, :BASE], 1, 2)))
+    return np.asarray(np.linalg.inv(np.swapaxes(jacobian[:, :base, :base], 1, 2)))

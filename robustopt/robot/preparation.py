@@ -15,18 +15,18 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from robustopt.arrays import Array
-from robustopt.config import Config, Pose
+from robustopt.config import BASE_COORDINATES, Config, Pose
 from robustopt.errors import RobotError
 from robustopt.robot.floating_base import (
     base_coordinates,
     free_joint_positions,
-    keyframe_posture,
-    replace_free_joint,
-    require_no_springs,
+    posture_of,
+    replace_free_joints,
+    require_walker,
 )
 from robustopt.robot.hands import Hand, shares, tool_frames
 from robustopt.robot.locking import lock_joints
-from robustopt.robot.model_file import USUAL, compile_spec, joint_names, model_file, read_model
+from robustopt.robot.model_file import USUAL, compile_spec, model_file, read_model
 from robustopt.robot.soles import Sole, environment_contacts
 from robustopt.robot.urdf import UrdfLimits
 
@@ -46,7 +46,7 @@ class RobotModel:
         urdf_limits: limits of a URDF file that MuJoCo does not keep.
         notes: content of the file that was left out, in words.
         base: number of coordinates of a floating base, 0 or 6.
-        posture: posture of a walking robot (n,) [m and rad]; None for an arm.
+        posture: position of every coordinate that the path does not prescribe, by name [rad or m].
         contacts: environment contacts by name.
     """
 
@@ -57,7 +57,7 @@ class RobotModel:
     urdf_limits: UrdfLimits
     notes: tuple[str, ...]
     base: int
-    posture: Array | None
+    posture: Mapping[str, float]
     contacts: Mapping[str, Sole]
     hands: tuple[Hand, ...]
 
@@ -77,45 +77,35 @@ def load_model(config: Config) -> RobotModel:
     original = compile_spec(spec, file)
     base = base_coordinates(original, file.name)
     _require_matching_path(config, original, base, file.name)
-    posture, contacts = None, {}
+    posture = posture_of(original, base)
+    _override_posture(posture, base, config, file.name)
+    contacts = environment_contacts(original, config, file.name)
     hands: tuple[Hand, ...] = ()
-    if base:
-        require_no_springs(original, file.name)
-        posture = keyframe_posture(original, file.name)
-        _override_posture(posture, original, config, file.name)
-        if config.path.pelvis_height is not None:
-            posture[2] = config.path.pelvis_height
-        contacts = environment_contacts(original, config.path.rail, file.name)
     for key in list(spec.keys):
         spec.delete(key)
     if not base or config.tray is not None or config.objects:
-        _require_tools(spec, config, base, file.name)
-        if posture is not None and len(config.robot.tools) > 1:
-            hands = _attach_to_hands(spec, original, config, posture)
+        _require_tools(spec, config, file.name)
+        if len(config.robot.tools) > 1:
+            hands = _attach_to_hands(spec, original, config, np.array(list(posture.values())))
         else:
             _attach_carrier(spec, original, config)
     lock_joints(spec, original, config.robot.locked, file.name)
     _require_open_chain(spec, file.name)
     _place_base(spec, config.robot.base)
     notes += _tendon_notes(spec, original)
-    world_spec = spec.copy() if base else spec
-    if base:
-        replace_free_joint(spec, original)
+    world_spec = spec.copy()
+    replace_free_joints(spec)
     return RobotModel(spec, world_spec, original, file, limits, notes, base, posture, contacts, hands)
 
 
 def _require_matching_path(config: Config, model: mujoco.MjModel, base: int, file: str) -> None:
-    """Check that a walking robot has steps and an arm has none."""
-    if config.path.steps is not None and not base:
+    """Check that a walking robot has steps and can do them, and an arm has none."""
+    if base:
+        require_walker(config, model, file)
+    elif config.path.steps is not None:
         raise RobotError(
             f"{file} has no free joint, so it cannot walk along path.steps; give a model whose first joint is free, or "
             "another path, such as path.joints",
-            key="robot.model",
-        )
-    if config.path.steps is None and base:
-        raise RobotError(
-            f"{file} has the free joint {model.joint(0).name!r}, so it is a walking robot, whose path is path.steps; "
-            "give path.steps, or a model without a free joint",
             key="robot.model",
         )
 
@@ -131,18 +121,20 @@ def _require_open_chain(spec: mujoco.MjSpec, file: str) -> None:
         )
 
 
-def _override_posture(posture: Array, model: mujoco.MjModel, config: Config, file: str) -> None:
-    """Put the joint positions of `robot.posture` into a posture (n,)."""
-    names = joint_names(model)[1:]
+def _override_posture(posture: dict[str, float], base: int, config: Config, file: str) -> None:
+    """Put the joint positions of `robot.posture` and the height of the pelvis into a posture."""
+    joints = list(posture)[base:]
     for joint, value in config.robot.posture.items():
-        if joint not in names:
-            known = ", ".join(names)
+        if joint not in joints:
+            known = ", ".join(joints)
             raise RobotError(f"{file} has no joint {joint}; its joints are: {known}", key="robot.posture")
-        posture[len(posture) - len(names) + names.index(joint)] = value
+        posture[joint] = value
+    if config.path.pelvis_height is not None:
+        posture["base_z"] = config.path.pelvis_height
 
 
-def _require_tools(spec: mujoco.MjSpec, config: Config, base: int, file: str) -> None:
-    """Check that the tools exist, and that several of them are hands of a walking robot that hold a tray."""
+def _require_tools(spec: mujoco.MjSpec, config: Config, file: str) -> None:
+    """Check that the tools exist."""
     sites, bodies = [item.name for item in spec.sites], [item.name for item in spec.bodies[1:]]
     tools = config.robot.tools
     for tool in tools:
@@ -152,8 +144,6 @@ def _require_tools(spec: mujoco.MjSpec, config: Config, base: int, file: str) ->
                 f"its bodies are: {', '.join(filter(None, bodies))}",
                 key="robot.tool",
             )
-    if len(tools) > 1 and not base:
-        raise RobotError("only a walking robot holds a tray with several hands; give one tool", key="robot.tool")
 
 
 def _attach_carrier(spec: mujoco.MjSpec, original: mujoco.MjModel, config: Config) -> None:
@@ -177,7 +167,7 @@ def _attach_to_hands(spec: mujoco.MjSpec, original: mujoco.MjModel, config: Conf
     Returns:
         The hands, at their places in the posture of the robot (n,).
     """
-    tools, qpos = config.robot.tools, free_joint_positions(posture[None])[0]
+    tools, qpos = config.robot.tools, free_joint_positions(posture[None], BASE_COORDINATES)[0]
     position, axes, bodies = tool_frames(original, qpos, tools)
     pose = Pose() if config.tray is None else config.tray.pose
     first = Rotation.from_matrix(axes[0])

@@ -68,7 +68,7 @@ class Robot:
         self.up: Array = -gravity / size if size > 0 else np.array([0.0, 0.0, 1.0])
         self.mass = float(model.body_mass.sum())
         self.body_names = tuple(model.body(k).name for k in range(model.nbody) if model.body_mass[k] > 0)
-        self.posture: Array = model.qpos0.copy() if parts.posture is None else parts.posture
+        self.posture: Array = np.array([parts.posture[name] for name in self.joint_names])
         self.contacts: dict[str, Sole] = dict(parts.contacts)
         self._model, self._data = model, mujoco.MjData(model)
         self._sites = {name: model.site(name).id for name in self.contacts}
@@ -191,7 +191,7 @@ class Robot:
         Args:
             q: coordinates (P, n) [rad or m].
         """
-        return free_joint_positions(q) if self.base else q
+        return free_joint_positions(q, self.base)
 
     # Dynamics ---------------------------------------------------------------------------------------------
 
@@ -304,21 +304,9 @@ def load_robot(config: Config) -> Robot:
         spec.option.gravity = config.gravity
     model = compile_spec(parts.spec, parts.file)
     limits = joint_limits(config, parts, joint_names(model)[parts.base :])
-    if parts.base:
-        _require_no_joint_friction(limits, parts.file.name)
-        limits = limits.behind_base(parts.base)
-    robot = Robot(parts, model, limits)
-    if robot.base:
-        _require_bodies(config, robot)
+    robot = Robot(parts, model, limits.behind_base(parts.base))
+    _require_bodies(config, robot)
     return robot
-
-
-def _require_no_joint_friction(limits: JointLimits, file: str) -> None:
-    if np.any(limits.dry_friction) or np.any(limits.viscous_friction):
-        raise RobotError(
-            f"{file} has friction in its joints, which a walking robot must not have; give robot.joint_friction: false",
-            key="robot.joint_friction",
-        )
 
 
 def _require_bodies(config: Config, robot: Robot) -> None:

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from robustopt.arrays import Array
-from robustopt.config import FEET, RailConfig
+from robustopt.config import FEET, Config
 from robustopt.errors import RobotError
 from robustopt.geometry import rectangle
 
@@ -27,18 +27,19 @@ class Sole:
     points: Array
 
 
-def environment_contacts(model: mujoco.MjModel, rail: RailConfig | None, file: str) -> dict[str, Sole]:
-    """Return the contacts of a walking robot by name: both feet, and the hand on a rail if there is one.
+def environment_contacts(model: mujoco.MjModel, config: Config, file: str) -> dict[str, Sole]:
+    """Return the contacts of a robot with its environment by name: its feet, and the hand on a rail if there is one.
 
     Args:
         model: the model as in its file.
-        rail: rail on which a hand rests.
+        config: the configuration.
         file: name of the model file, for messages.
 
     Raises:
         RobotError: a site is missing, or a foot has too few contact points or points outside the plane of its site.
     """
-    contacts = {name: _sole(model, name, file) for name in FEET}
+    rail = config.path.rail
+    contacts = {name: _sole(model, name, file) for name in config.environment_contacts if name in FEET}
     if rail is not None:
         _require_site(model, rail.contact, "palm", file)
         contacts[rail.contact] = Sole(_palm(rail.size))

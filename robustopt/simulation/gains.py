@@ -14,6 +14,7 @@ from robustopt.limits.bodies import Body, regressor
 from robustopt.limits.uncertainty import bodies
 from robustopt.robot import Robot
 from robustopt.simulation.controller import POSITION_VELOCITY, WITH_TORQUE, Gains, JointLayout
+from robustopt.simulation.physics import PID, physics_of
 
 BANDWIDTH = 50.0
 """Natural frequency of the default gains [rad/s], about that of the first joint of the shipped arm (our choice)."""
@@ -25,12 +26,8 @@ humanoid (our choice)."""
 STABILITY = 0.5
 """Largest fraction of the stability limit of the sampled controller that default gains may reach (our choice)."""
 
-PID = int(mujoco.mjtDyn.mjDYN_PID)
 GROWTH = 1e-9
 """Growth per step that rounding errors can give a constant mode."""
-
-SERVOS = {True: {PID, int(mujoco.mjtDyn.mjDYN_NONE)}, False: {PID}}
-"""Actuators of a model file whose gains count: of a walking robot also its `position` actuators."""
 
 
 def gains_of(config: Config, robot: Robot, q: Array) -> Gains:
@@ -49,16 +46,16 @@ def gains_of(config: Config, robot: Robot, q: Array) -> Gains:
         ConfigError: a gain has neither one value nor one for each joint.
     """
     execution = config.execution or ExecutionConfig()
-    names, walks = robot.joint_names[robot.base :], robot.base > 0
-    found = _model_gains(robot.original, SERVOS[walks])
+    names, physics = robot.joint_names[robot.motors], physics_of(robot.base, holds=False)
+    found = _model_gains(robot.original, physics.servos)
     if not all(name in found for name in names):
-        kp, kd = (_walking_gains if walks else _arm_gains)(config, robot, q, execution.timestep)
+        kp, kd = (_walking_gains if robot.base else _arm_gains)(config, robot, q, execution.timestep)
         found = {name: {"kp": kp[k], "ki": 0.0, "kd": kd[k]} for k, name in enumerate(names)} | found
     values = {
         kind: _given(execution.controller, kind, names, np.array([found[name][kind] for name in names]))
         for kind in ("kp", "ki", "kd")
     }
-    torque = walks or execution.controller.feedforward == "computed_torque"
+    torque = not physics.compensated or execution.controller.feedforward == "computed_torque"
     return Gains(**values, inputs=WITH_TORQUE if torque else POSITION_VELOCITY)
 
 
@@ -73,7 +70,7 @@ def _given(controller: ControllerConfig, kind: str, names: tuple[str, ...], othe
     return np.broadcast_to(np.asarray(values, dtype=float), (len(names),)).copy()
 
 
-def _model_gains(model: mujoco.MjModel, kinds: set[int]) -> dict[str, dict[str, float]]:
+def _model_gains(model: mujoco.MjModel, kinds: frozenset[int]) -> dict[str, dict[str, float]]:
     """Return the gains of the actuators of these kinds in a model file, by joint name."""
     found = {}
     for i in range(model.nactuator):

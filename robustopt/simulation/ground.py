@@ -91,12 +91,13 @@ def grounded(config: Config, robot: Robot, model: mujoco.MjModel) -> tuple[Groun
         robot: the robot.
         model: compiled model of the world.
     """
-    if not robot.contacts:
-        return ()
-    stances, found = footsteps(config).stances, []
+    found = []
     for name, sole in robot.contacts.items():
-        sensor = int(model.sensor(f"{PREFIX}{name}_mjSENS_FRAMEPOS").adr[0])
-        found.append(Grounded(name, sensor, sole.points, stands(stances, name), leaves=name not in FEET))
+        sensor, own = (
+            int(model.sensor(f"{PREFIX}{name}_mjSENS_FRAMEPOS").adr[0]),
+            stands(footsteps(config).stances, name),
+        )
+        found.append(Grounded(name, sensor, sole.points, own, leaves=name not in FEET))
     return tuple(found)
 
 

@@ -299,17 +299,16 @@ class Trunk:
         tilt = np.arccos(np.clip(1.0 - 2.0 * (x * x + y * y), -1.0, 1.0))
         return Motion(none, tilt, planned.q[:, 2] - poses[:, 2], none)
 
+    def rates(self, record: Record, i: int) -> Array:
+        """Return the rates of its coordinates, before each step and after the last, (N + 1, 6).
 
-def base_rates(record: Record, i: int) -> Array:
-    """Return the rates of the coordinates of a floating base, before each step and after the last, (N + 1, 6).
-
-    Args:
-        record: record of a chunk of trials.
-        i: index of the trial in the record.
-    """
-    qpos = np.vstack([record.start_qpos[i, :7], record.qpos[i, :, :7]])
-    qvel = np.vstack([record.start_qvel[i, :6], record.qvel[i, :, :6]])
-    return np.column_stack([qvel[:, :3], turning(qpos[:, 3:], qvel[:, 3:])])
+        Args:
+            record: record of a chunk of trials.
+            i: index of the trial in the record.
+        """
+        qpos = np.vstack([record.start_qpos[i, :7], record.qpos[i, :, :7]])
+        qvel = np.vstack([record.start_qvel[i, :6], record.qvel[i, :, :6]])
+        return np.column_stack([qvel[:, :3], turning(qpos[:, 3:], qvel[:, 3:])])
 
 
 def turning(quaternions: Array, spin: Array) -> Array:

@@ -39,7 +39,9 @@ class Physics:
         impedance_ratio: stiffness of friction relative to that in the normal direction; a large one prevents creep.
         iterations: largest number of iterations of the contact solver.
         tolerance: tolerance of the contact solver.
-        compensated: fraction of the robot's weight that the controller compensates.
+        compensated: fraction of the robot's weight that the controller compensates; without it, the weight is part of
+            the torque that the controller adds.
+        servos: types of the actuators of a model file whose gains count.
     """
 
     integrator: mujoco.mjtIntegrator
@@ -47,10 +49,12 @@ class Physics:
     iterations: int
     tolerance: float
     compensated: float
+    servos: frozenset[int]
 
 
-ARM = Physics(mujoco.mjtIntegrator.mjINT_EULER, 10.0, 100, 1e-10, 1.0)
-WALKING = Physics(mujoco.mjtIntegrator.mjINT_IMPLICITFAST, 20.0, 50, 1e-8, 0.0)
+PID, POSITION = int(mujoco.mjtDyn.mjDYN_PID), int(mujoco.mjtDyn.mjDYN_NONE)
+ARM = Physics(mujoco.mjtIntegrator.mjINT_EULER, 10.0, 100, 1e-10, 1.0, frozenset({PID}))
+WALKING = Physics(mujoco.mjtIntegrator.mjINT_IMPLICITFAST, 20.0, 50, 1e-8, 0.0, frozenset({PID, POSITION}))
 """The planned torque of a walking robot contains its weight; compensation would hold it up from outside."""
 
 

@@ -17,7 +17,7 @@ from robustopt.scene.placement import TRAY, placements
 from robustopt.simulation import ground, holding, objects
 from robustopt.simulation.controller import Gains, JointLayout, Reference
 from robustopt.simulation.drives import add_drives, frictional_limits, release
-from robustopt.simulation.interfaces import Interface, Trunk, base_rates, combined
+from robustopt.simulation.interfaces import Interface, Trunk, combined
 from robustopt.simulation.outcome import Criterion, Motion
 from robustopt.simulation.parameters import Parameters, nominal_parameters
 from robustopt.simulation.physics import PREFIX, physics_of, quaternion, set_inertia, set_options
@@ -167,11 +167,11 @@ class World:
     def _with_robot(self, gains: Gains, timestep: float) -> mujoco.MjSpec:
         spec = self.robot.world_spec.copy()
         set_options(spec, self._physics, timestep)
-        if not self.robot.contacts:
-            release(spec)
         add_drives(spec, self.robot, frictional_limits(self.config, self.robot), gains, self._physics.compensated)
         if self.robot.contacts:
             ground.add_ground(spec, self.robot, self.config.path.rail)
+        else:
+            release(spec)
         holding.add_hands(spec, self.robot)
         return spec
 
@@ -194,9 +194,8 @@ class World:
             size: number of positions of the model.
         """
         q, qpos = q.copy(), np.zeros(size)
-        if self.robot.contacts:
-            points = self.robot.contact_points(q[None])
-            q[2] -= min(float(points[foot][..., 2].min()) for foot in FEET)
+        height = [points[..., 2].min() for name, points in self.robot.contact_points(q[None]).items() if name in FEET]
+        q[2 : self.robot.base // 2] -= min(height, default=0.0)
         own = self.robot.qpos(q[None])[0]
         base = len(own) - len(layout.joints)
         qpos[:base], qpos[layout.joints] = own[:base], own[base:]
@@ -213,8 +212,8 @@ class World:
             record: record of a chunk of trials.
             i: index of the trial in the record.
         """
-        joints = velocities(record, i, layout.dofs)
-        return np.column_stack([base_rates(record, i), joints]) if self.robot.base else joints
+        of_base = [trunk.rates(record, i) for trunk in self._trunk]
+        return np.column_stack([*of_base, velocities(record, i, layout.dofs)])
 
 
 # The load -------------------------------------------------------------------------------------------------

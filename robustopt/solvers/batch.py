@@ -249,8 +249,7 @@ def _body_interval(config: Config, kind: str, name: str) -> dict[str, Any]:
     """Return the interval of zero width of the mass or centre of mass of a body."""
     body, key = config.tray if name == "tray" else config.objects.get(name), f"uncertainty.{kind}.{name}"
     if kind == "center_of_mass":
-        known = body is not None or config.path.steps is not None  # with steps it may be a body of the robot
-        return {key: (0.0, 0.0, 0.0)} if known else {}
+        return {key: (0.0, 0.0, 0.0)}
     return {} if body is None else {key: (body.mass, body.mass)}
 
 

@@ -134,7 +134,7 @@ def planned_forces(plan: Plan) -> ContactForces:
         raise Infeasible(f"There are no contact forces: {plan.message}")
     problem = plan.problem
     sharing, path = problem.limits.torque.sharing, problem.path
-    if sharing is None:
+    if not sharing.contacts:
         raise Infeasible("There are no environment contacts: the robot has no floating base.")
     trajectory = Trajectory.from_plan(plan)
     interval = np.arange(len(plan.u))

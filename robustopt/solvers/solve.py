@@ -172,7 +172,7 @@ def _with_missing_rows(
 def _with_shared_rows(plan: Plan, search: list[SharingSearch], figures: dict[str, float]) -> TimeScalingProblem | None:
     """Return the problem with the torque rows that its plan violates for shared wrenches, None if there are none."""
     problem, torque = plan.problem, plan.problem.limits.torque
-    if torque.sharing is None or not _contacts_count(problem):
+    if torque.sharing.known.all() or not _contacts_count(problem):
         return None
     from robustopt.solvers.sharing import SharingSearch
 
