@@ -384,7 +384,9 @@ def _with_load(robot: Any, world: World, q: np.ndarray, qd: np.ndarray, qdd: np.
     site = next(site for site in spec.sites if site.name == CARRIER_SITE)
     body = site.parent.add_body(name="load", pos=site.pos, quat=site.quat)
     for k, item in enumerate(world.bodies):
-        inertia = item.mass * item.inertia
+        xx, yy, zz, xy, xz, yz = item.inertia
+        own = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        inertia = item.mass * item.turn @ own @ item.turn.T
         full = [inertia[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
         body.add_body(name=f"load{k}", mass=item.mass, ipos=item.center, fullinertia=full, explicitinertial=True)
     model = spec.compile()

@@ -227,7 +227,10 @@ def test_rows_are_exact_if_everything_depends_on_the_acceleration_error(
             value += sum(np.abs(B @ loads.constant[0, :, -1]) for _ in range(1) if loads.constant_group[-1] == g)
             for m in np.flatnonzero(loads.moment_group == g):
                 six = range(6 * m, 6 * m + 6)
-                y = [B @ (loads.moments[0, :, q] @ point + (loads.products[0, :, terms + q] @ error)[:, None]) for q in six]
+                y = [
+                    B @ (loads.moments[0, :, q] @ point + (loads.products[0, :, terms + q] @ error)[:, None])
+                    for q in six
+                ]
                 value += largest_moment(np.array(y), loads.usual[6 * m : 6 * m + 6], bool(loads.round[m])).T
             total += np.where(value > 0, loads.highest[g], loads.lowest[g]) * value
         largest = np.maximum(largest, total)

@@ -190,7 +190,7 @@ def _find_row(family, b, f, i, work):
 
 @compiled_inner()
 def _choose_errors(wrench, here):
-    """Choose the errors to enumerate, bound the effect of the others in `rest`, and return the number of chosen ones."""
+    """Choose the errors to enumerate, bound the effect of the others in `rest`, and return how many are chosen."""
     G, (_, _, K, E) = len(wrench.lowest), wrench.products.shape
     for e in range(E):
         here.chosen[e] = e
@@ -262,7 +262,7 @@ def _value(wrench, here, n):
 @compiled_inner()
 def _set_worst(wrench, here, n, work):
     """Set signs, weights and fixed of a `RowWork` to those at the current error."""
-    terms, products, own = here.terms, here.products, here.own
+    terms, products = here.terms, here.products
     for g in range(len(work.fixed)):
         work.fixed[g] = here.rest[g] - here.central[g]
     for k in range(n):

@@ -15,8 +15,8 @@ import numpy as np
 from robustopt.arrays import Array, Indices
 from robustopt.compiled import compiled, compiled_inner
 from robustopt.limits.clipping import MAX_VERTICES, clip, empty_draft, largest_value, read, size_along, write
-from robustopt.limits.row_bounds import block_bounds, next_above, row_blocks, row_bounds
 from robustopt.limits.coupling import is_coupled, largest_weight
+from robustopt.limits.row_bounds import block_bounds, next_above, row_blocks, row_bounds
 from robustopt.limits.row_values import (
     active_piece,
     add_sizes,
@@ -35,8 +35,8 @@ ROUNDING = 1e-14
 far from any plan."""
 
 DEPTH = 2e-5
-"""Part of the limit by which a piece cuts too deep if terms depend on the acceleration error. Such a row has a piece for
-every corner of the box of the errors; they are nearly parallel, so with this margin few of them are needed."""
+"""Part of the limit by which a piece cuts too deep if terms depend on the acceleration error. Such a row has a piece
+for every corner of the box of the errors; they are nearly parallel, so with this margin few of them are needed."""
 
 MOST_LOOKS = 20 * MAX_VERTICES
 """Vertices of one polygon that are looked at, at most."""
