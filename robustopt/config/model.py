@@ -129,6 +129,12 @@ class UncertaintyConfig(Section):
     mass: dict[str, tuple[Mass, Mass]] = Field(
         default={}, description="interval of the mass, by object name or `tray`; the inertia scales with the mass [kg]"
     )
+    inertia: dict[str, Literal["realizable"] | tuple[Positive, Positive]] = Field(
+        default={},
+        description="inertia about the centre of mass, by object name or `tray`: `realizable` for that of any "
+        "distribution of the mass within the shape that has the centre of mass, or the lowest and highest factor on "
+        "the given inertia; default: `realizable` where the centre of mass has an interval, else [1, 1]",
+    )
     joint_acceleration: AccelerationError | None = Field(
         default=None, description="interval of the error of the joint acceleration"
     )
@@ -202,6 +208,15 @@ class Config(Section):
     folder: Path = Field(
         default=Path("."), exclude=True, description="folder that relative file names in the configuration refer to"
     )
+
+    def inertia_of(self, name: str) -> Literal["realizable"] | tuple[float, float]:
+        """Return `realizable`, or the interval of the factor on the inertia of the tray or an object.
+
+        Args:
+            name: name of the object, or `tray`.
+        """
+        moves = any(self.uncertainty.center_of_mass.get(name, ()))
+        return self.uncertainty.inertia.get(name, "realizable" if moves else (1.0, 1.0))
 
     @property
     def environment_contacts(self) -> tuple[str, ...]:
