@@ -599,7 +599,7 @@ ALL_KINDS = [
 
 @pytest.fixture(scope="module")
 def robust() -> tuple[Config, Plan]:
-    from robustopt.limits import build_problem
+    from robustopt.solvers import build_problem
     from robustopt.solvers import solve as solve_plan
 
     config = waiter("two_blocks", "solver.method=reachability", "solver.collocation_points=60", *ALL_KINDS)
@@ -632,7 +632,7 @@ def test_utilisation_grows_with_the_square_of_the_speed(robust: tuple[Config, Pl
 
 
 def test_a_plan_for_exact_values_fails_when_they_are_uncertain(robust: tuple[Config, Plan]) -> None:
-    from robustopt.limits import build_problem
+    from robustopt.solvers import build_problem
     from robustopt.solvers import solve as solve_plan
 
     risky = waiter("two_blocks", "solver.method=reachability", "solver.collocation_points=60", "contact.friction=0.4")

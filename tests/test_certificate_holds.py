@@ -23,9 +23,8 @@ from robustopt.certificate.world import World
 from robustopt.config import Config
 from robustopt.config.load import load_config, with_values
 from robustopt.errors import ConfigError
-from robustopt.limits import build_problem
 from robustopt.limits.names import LimitKind
-from robustopt.solvers import Plan, solve
+from robustopt.solvers import Plan, build_problem, solve
 
 FLAT = 0.002
 """Height of a part whose centre of mass is so near to the cup that it slides before it peels [m]."""

@@ -25,7 +25,7 @@ from robustopt.config import Config
 from robustopt.config.load import load_config, with_values
 from robustopt.errors import ConfigError, PathError, RobotError
 from robustopt.learning.learner import Belief
-from robustopt.limits import TimeScalingProblem, build_problem
+from robustopt.limits import TimeScalingProblem
 from robustopt.limits.formulas import evaluate
 from robustopt.limits.torque import Sharing
 from robustopt.path.footsteps import footsteps
@@ -33,7 +33,7 @@ from robustopt.plotting import figures, house_style
 from robustopt.robot.model_file import MODELS
 from robustopt.runs.beliefs import Planner
 from robustopt.runs.beliefs import believing as believing_config
-from robustopt.solvers import Plan, Status, solve
+from robustopt.solvers import Plan, Status, build_problem, solve
 from robustopt.solvers.batch import BatchPlanner, with_setting
 from robustopt.solvers.contact_forces import planned_forces
 from robustopt.solvers.plan import interval_ends

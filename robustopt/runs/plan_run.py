@@ -12,12 +12,12 @@ import numpy as np
 
 from robustopt.certificate import Certificate, certify
 from robustopt.config import Config
-from robustopt.limits import TimeScalingProblem, build_problem
+from robustopt.limits import TimeScalingProblem
 from robustopt.runs.origin import write_origin
 from robustopt.runs.records import CertificateRecord, DiagnosisRecord, ProblemSize, RunStatus, Summary
 from robustopt.runs.store import SUMMARY, write_record
 from robustopt.scene.patches import patches
-from robustopt.solvers import Plan, Status, solve
+from robustopt.solvers import Plan, Status, build_problem, solve
 from robustopt.solvers.diagnosis import Diagnosis, diagnose
 from robustopt.solvers.trajectory import binding_shares
 
@@ -90,7 +90,7 @@ def problem_size(problem: TimeScalingProblem) -> ProblemSize:
     facets = sum(len(system.facets) for system in systems)
     rows = 2 * problem.robot.n + problem.limits.torque.B.shape[1] + facets
     return ProblemSize(
-        collocation_points=problem.config.solver.collocation_points,
+        collocation_points=problem.limits.track.grid.intervals,
         grid_points=len(problem.s),
         pieces=int(problem.piece[-1]) + 1,
         rows=rows * len(problem.s),

@@ -23,10 +23,10 @@ from robustopt.config.document import Key, split_key
 from robustopt.config.load import with_values
 from robustopt.config.per_name import value_of
 from robustopt.errors import ConfigError, SolverFailed
-from robustopt.limits import TimeScalingProblem, rows_along, track_of
+from robustopt.limits import TimeScalingProblem, rows_along
 from robustopt.limits.track import Track
 from robustopt.processes import begun, cores, in_processes
-from robustopt.solvers import Plan, Status, solve
+from robustopt.solvers import Plan, Status, solve, track_of
 
 Setting = Mapping[str, float | Sequence[float]]
 """Values by configuration key, such as {"contact.friction.upper": 0.3, "uncertainty.center_of_mass.upper.2": 0.01}."""
