@@ -19,6 +19,7 @@ from robustopt.certificate.balance import required_by_base
 from robustopt.certificate.joints import torques
 from robustopt.certificate.loads import body_loads
 from robustopt.certificate.motion import instants, motion, stances
+from robustopt.certificate.task import task_of
 from robustopt.certificate.world import build_world
 from robustopt.cli import run
 from robustopt.config import Config
@@ -352,9 +353,9 @@ def test_base_and_joints_require_the_forces_of_mujocos_inverse_dynamics(
     """With random masses, centres of mass and errors, and the torques of a foot that stands alone."""
     config = with_values(problem.config, UNCERTAIN)
     at = instants(plan, ())
-    stance = stances(plan, at)
+    stance = stances(plan.problem.path, at)
     world = build_world(config, problem.robot, problem.path, stance)
-    moving, joints = motion(plan, at, world.links)
+    moving, joints = motion(task_of(plan), at, world.links)
     here = np.flatnonzero((stance == 1) & (at.free > 0))[::7]
     values = world.sample(np.random.default_rng(4), 1, corners=False).at(0).repeated(len(here))
     there = moving.at(here)
