@@ -34,6 +34,18 @@ class Accuracy:
     violation: float
     enough: bool
 
+    @property
+    def sentence(self) -> str:
+        """Return the accuracy in words."""
+        if not np.isfinite(self.error):
+            return "The accuracy of the grid was not estimated."
+        loss, beyond = f"{100 * self.error:.2g} %", f"{100 * self.violation:.2g} %"
+        text = (
+            f"By estimate, the duration is {loss} above that of ever finer grids, and limits are exceeded by at most "
+        )
+        text += f"{beyond} between grid points."
+        return text if self.enough else f"{text} The search for a finer grid ended at its bound."
+
 
 @dataclass(frozen=True, eq=False)
 class Grid:

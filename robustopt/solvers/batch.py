@@ -1,7 +1,8 @@
 """Plan one task for many settings of friction, masses, centres of mass, forces and errors.
 
-All settings share the robot, the path and their dynamics; the rest is computed anew, by the functions that plan a
-single task. So a plan of a batch equals the plan of its setting alone, bit for bit. If only durations are wanted and
+All settings share the robot, the path, the grid that suits the configuration's own values, and their dynamics; the
+rest is computed anew, by the functions that plan a single task. So a plan of a batch equals the plan of its setting
+alone on the same grid, bit for bit. If only durations are wanted and
 the work is worth it, several processes share it; the result does not depend on their number.
 """
 
@@ -128,7 +129,7 @@ class BatchPlanner:
         return [duration for part in in_processes(_durations, parts, self.workers, SolverFailed) for duration in part]
 
     def plans(self, settings: Sequence[Setting]) -> list[Plan]:
-        """Return the plan of each setting, the same as `solve(build_problem(config), "reachability")` returns.
+        """Return the plan of each setting, the same as `solve` returns by `reachability` on the grid of the batch.
 
         Args:
             settings: the settings.
