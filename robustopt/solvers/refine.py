@@ -24,20 +24,20 @@ from robustopt.path import Path
 from robustopt.solvers.plan import Plan, Status
 from robustopt.solvers.solve import solve
 
-MOST_ERROR = 8e-4
-"""Largest estimated loss of a grid, as a part of the duration. The estimate was low by up to a fifth, and 0.1 % is
+MOST_ERROR = 9e-4
+"""Largest estimated loss of a grid, as a part of the duration. The estimate was low by up to a tenth, and 0.1 % is
 promised."""
 
 MOST_VIOLATION = 5e-3
 """Largest estimated violation between grid points, as a share of the limit: half of what a certificate accepts."""
 
-AIM = 0.8
+AIM = 0.9
 """The intervals are split for this part of the largest loss, so that one round is mostly enough."""
 
 MOST_PARTS = 8
 """Largest number of parts of an interval in one round: the estimates do not reach further."""
 
-PARTS_GROWTH = 1.05
+PARTS_GROWTH = 1.01
 """Ratio of neighbouring numbers of parts that are tried."""
 
 MOST_ROUNDS = 8
