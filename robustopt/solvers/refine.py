@@ -56,7 +56,6 @@ def adapted_track(path: Path, problem_on: Callable[[Grid], TimeScalingProblem]) 
         problem_on: function that returns the problem on a grid.
     """
     coarse = _shortest(problem_on(first_grid(path)))
-    aim = AIM
     predicted = np.inf
     for rounds in range(1, MOST_ROUNDS + 1):
         grid = _grid(coarse)
@@ -73,7 +72,7 @@ def adapted_track(path: Path, problem_on: Callable[[Grid], TimeScalingProblem]) 
                 return _with_accuracy(plan, Accuracy(error, float(violation), True))
         aim = AIM * min(1.0, predicted / loss) if loss > 0.0 else AIM
         parts = _parts(change, excess, aim * MOST_ERROR * fine.duration)
-        if rounds == MOST_ROUNDS or 2 * grid.split(parts).intervals > MOST_INTERVALS:
+        if rounds == MOST_ROUNDS or (parts == 1).all():
             return _with_accuracy(fine, Accuracy(loss, float(excess.max() / 4.0), False))
         predicted = float((change / parts).sum() / fine.duration)
         coarse = _shortest(problem_on(grid.split(parts)))
@@ -132,12 +131,16 @@ def _parts(change: Array, excess: Array, most: float) -> Indices:
     """Return the number of parts of each interval (P - 1,) after which the changes sum to at most `most` [s].
 
     The change of an interval of m parts is 1/m of its change now. So the fewest intervals have parts in proportion to
-    the square roots of the changes. Violations shrink with m^2.
+    the square roots of the changes. Violations shrink with m^2. If the grid became too long, there are fewer parts.
     """
     share = np.sqrt(change / max(float(change.max()), np.finfo(float).tiny))
-    parts, size = np.ones(len(change), dtype=np.intp), 1.0
-    while (change / parts).sum() > most and not (parts[change > 0] == MOST_PARTS).all():
-        size *= PARTS_GROWTH
-        parts = np.clip(np.rint(size * share), 1, MOST_PARTS).astype(np.intp)
     needed = np.ceil(np.sqrt(excess / (4.0 * MOST_VIOLATION)))
-    return np.maximum(parts, np.clip(needed, 1, MOST_PARTS)).astype(np.intp)
+    parts, size = np.ones(len(change), dtype=np.intp), 1.0
+    wanted = np.clip(needed, 1, MOST_PARTS).astype(np.intp)
+    while 2 * wanted.sum() <= MOST_INTERVALS:
+        parts = wanted
+        if (change / parts).sum() <= most or (parts[change > 0] == MOST_PARTS).all():
+            break
+        size *= PARTS_GROWTH
+        wanted = np.clip(np.maximum(needed, np.rint(size * share)), 1, MOST_PARTS).astype(np.intp)
+    return parts
