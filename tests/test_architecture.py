@@ -63,6 +63,8 @@ LAYERS = [
     ["solvers/reachability", "solvers/force_program"],
     ["solvers/ipopt", "solvers/sharing"],
     ["solvers/solve"],
+    ["solvers/refine"],
+    ["solvers/build"],
     ["solvers"],
     ["solvers/batch", "solvers/remedies", "solvers/trajectory"],
     ["solvers/diagnosis"],

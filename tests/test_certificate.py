@@ -22,6 +22,7 @@ from robustopt.certificate.motion import Motion, instants, motion, stances
 from robustopt.certificate.samples import check_samples
 from robustopt.certificate.systems import System
 from robustopt.certificate.tally import Tally
+from robustopt.certificate.task import task_of
 from robustopt.certificate.world import World, build_world
 from robustopt.certificate.worst import Search, Thoroughness
 from robustopt.config import Config
@@ -85,8 +86,8 @@ def there_and_stop(config: Config, acceleration: float, path: Any = None, interv
 def seen(config: Config, plan: Any, between: tuple[float, ...] = ()) -> tuple[World, Motion, Any]:
     """World and motion of a plan, and its instants."""
     at = instants(plan, between)
-    world = build_world(config, plan.problem.robot, plan.problem.path, stances(plan, at))
-    return world, motion(plan, at, world.links)[0], at
+    world = build_world(config, plan.problem.robot, plan.problem.path, stances(plan.problem.path, at))
+    return world, motion(task_of(plan), at, world.links)[0], at
 
 
 def margin(certificate: Certificate, limit: str) -> float:
@@ -366,7 +367,7 @@ def test_load_torque_against_a_model_with_the_load_in_it() -> None:
     plan = timing(config, path, np.array([3.0, -3.0]))
     plan.problem.robot = robot
     world, moving, at = seen(config, plan, (0.3, 0.7))
-    _, joints = motion(plan, at)
+    _, joints = motion(task_of(plan), at)
     error = rng.normal(size=(6, len(at.s))) * at.free
     values = replace(world.nominal.repeated(len(at.s)), error=error)
     own = torques(world, joints, at.free, body_loads(world, moving, values), values).T
@@ -447,7 +448,7 @@ def test_samples_are_told_where_they_are_worse_than_what_is_known() -> None:
     config, plan = shaken()
     world, moving, at = seen(config, plan)
     tally = Tally(at.grid)
-    known = [KnownTorques(motion(plan, at)[1], plan.problem.robot.limits.torque, np.arange(len(at.s)))]
+    known = [KnownTorques(motion(task_of(plan), at)[1], plan.problem.robot.limits.torque, np.arange(len(at.s)))]
     searches = [Search(world, system, moving, GAP, tally) for system in world.systems]
     check_samples(world, moving, known, searches, world.sample(np.random.default_rng(1), 300, corners=True), 4, tally)
     for search in searches:
@@ -608,7 +609,7 @@ ALL_KINDS = [
 
 @pytest.fixture(scope="module")
 def robust() -> tuple[Config, Plan]:
-    from robustopt.limits import build_problem
+    from robustopt.solvers import build_problem
     from robustopt.solvers import solve as solve_plan
 
     config = waiter("two_blocks", "solver.method=reachability", "solver.collocation_points=60", *ALL_KINDS)
@@ -641,7 +642,7 @@ def test_utilisation_grows_with_the_square_of_the_speed(robust: tuple[Config, Pl
 
 
 def test_a_plan_for_exact_values_fails_when_they_are_uncertain(robust: tuple[Config, Plan]) -> None:
-    from robustopt.limits import build_problem
+    from robustopt.solvers import build_problem
     from robustopt.solvers import solve as solve_plan
 
     risky = waiter("two_blocks", "solver.method=reachability", "solver.collocation_points=60", "contact.friction=0.4")

@@ -14,13 +14,13 @@ from scenes import G, bang_bang, plan_of, scene, waiter
 from scipy.optimize import linprog
 
 from robustopt.geometry import erode, rectangle, regular_polygon, rotation
-from robustopt.limits import build_problem
 from robustopt.limits.bodies import _skews
 from robustopt.limits.cones import about_point, friction_edges, patch_facets, wrench_generators
 from robustopt.limits.formulas import evaluate
 from robustopt.limits.polygons import evaluate as exact_values
 from robustopt.limits.polygons import facet_family
 from robustopt.limits.systems import ContactSystem, carried, object_systems
+from robustopt.solvers import build_problem
 from robustopt.solvers.force_program import ForceProgram, missing_rows
 from robustopt.solvers.plan import interval_ends
 

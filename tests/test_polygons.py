@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import waiter
 
-from robustopt.limits import TimeScalingProblem, build_problem
+from robustopt.limits import TimeScalingProblem
 from robustopt.limits.cones import patch_facets
 from robustopt.limits.formulas import evaluate
 from robustopt.limits.polygons import (
@@ -36,6 +36,7 @@ from robustopt.limits.polygons import (
 from robustopt.limits.polygons import evaluate as polygons_evaluate
 from robustopt.limits.uncertainty import uncertainty_of
 from robustopt.scene.patches import patches
+from robustopt.solvers import build_problem
 
 EXPERIMENTS = Path(__file__).parents[1] / "experiments"
 KINDS = ("friction", "joint_acceleration", "contact_points", "center_of_mass", "mass")

@@ -15,9 +15,9 @@ from scenes import BOX, FLAT, WAITERS, bang_bang, duration, plan_of, residual, s
 
 from robustopt.config import Config
 from robustopt.config.load import with_values
-from robustopt.limits import TimeScalingProblem, build_problem
+from robustopt.limits import TimeScalingProblem
 from robustopt.limits.polygons import evaluate, facet_family
-from robustopt.solvers import Plan, Status, solve
+from robustopt.solvers import Plan, Status, build_problem, solve
 from robustopt.solvers.plan import duration_of, interval_ends, timing
 from robustopt.solvers.reachability import passes, solve_reachability
 

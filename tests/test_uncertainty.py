@@ -13,12 +13,13 @@ from scenes import BOX, FLAT, scene, waiter
 from scipy.spatial.transform import Rotation
 
 from robustopt.config import Config
-from robustopt.limits import TimeScalingProblem, build_problem
+from robustopt.limits import TimeScalingProblem
 from robustopt.limits.bodies import INERTIA_TERMS, regressor, spin_regressor
 from robustopt.limits.formulas import worst_wrench
 from robustopt.limits.polygons import evaluate, facet_family
 from robustopt.limits.uncertainty import acceleration_error, bodies, uncertainty_of
 from robustopt.robot.preparation import CARRIER_SITE
+from robustopt.solvers import build_problem
 
 NONE, NO_TERMS = np.zeros((0, 0, 3)), np.zeros((0, 0, 0))
 

@@ -153,8 +153,10 @@ class SolverConfig(Section):
         description="solver: a nonlinear program with inner contact programs (ipopt), or a faster method that "
         "minimises time only (reachability)",
     )
-    collocation_points: int = Field(
-        default=200, ge=10, le=100_000, description="number N of grid intervals along the path"
+    collocation_points: Annotated[int, Field(ge=10, le=100_000)] | Literal["auto"] = Field(
+        default="auto",
+        description="number N of grid intervals along the path; auto: as many as it takes for a duration within 0.1 % "
+        "of that of ever finer grids, and for limits that hold between grid points",
     )
     cost: Literal["time", "effort", "smoothness"] = Field(
         default="time",
