@@ -34,10 +34,6 @@ ROUNDING = 1e-14
 """Part of the largest terms of a row in a polygon by which its value at a vertex may be off; this matters only
 far from any plan."""
 
-DEPTH = 2e-5
-"""Part of the limit by which a piece cuts too deep if terms depend on the acceleration error. Such a row has a piece
-for every corner of the box of the errors; they are nearly parallel, so with this margin few of them are needed."""
-
 MOST_LOOKS = 20 * MAX_VERTICES
 """Vertices of one polygon that are looked at, at most."""
 
@@ -99,7 +95,7 @@ def _try_rows(family, i, tried, count, work, draft, n, sizes):
         wrenches_at(family.wrench.nominal, i, u, x, work.central)
         piece = _piece(family, f, i, u, x, work)
         if _exceeds(largest_value(draft.vertices, n, piece[0], piece[1], piece[2]), piece, sizes):
-            n = _clipped(draft, n, piece, f, family.wrench)
+            n = _clipped(draft, n, piece, f)
             if n < 3 or n > MAX_VERTICES - 2:
                 break
     return n
@@ -124,7 +120,7 @@ def _cut_at_vertices(family, i, blocks, work, draft, n, sizes):
         if f >= 0:
             piece = _piece(family, f, i, u, x, work)
             if _exceeds(violation, piece, sizes):
-                n = _clipped(draft, n, piece, f, family.wrench)
+                n = _clipped(draft, n, piece, f)
                 if n < 3 or n > MAX_VERTICES - 2:
                     return n
                 first = 0
@@ -232,9 +228,9 @@ def _exceeds(violation, piece, sizes):
 
 
 @compiled_inner(forceinline=True)
-def _clipped(draft, n, piece, f, wrench):
+def _clipped(draft, n, piece, f):
     """Clip a draft with the piece of row f; return the number of its vertices."""
-    return clip(draft, n, piece[0], piece[1], piece[2] + (DEPTH if is_coupled(wrench) else 0.0), ROW - f)
+    return clip(draft, n, piece[0], piece[1], piece[2], ROW - f)
 
 
 @compiled_inner()
