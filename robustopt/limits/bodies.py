@@ -52,8 +52,8 @@ class Body:
 
     @property
     def nominal(self) -> Array:
-        """Return the mass and the centre of mass times the mass at the middle of their intervals, (4,)."""
-        return 0.5 * (self.mass[0] + self.mass[1]) * self.psi[:4]
+        """Return phi with the mass at the middle of its interval and all else nominal, (10,)."""
+        return 0.5 * (self.mass[0] + self.mass[1]) * self.psi
 
 
 def uncertain_body(
