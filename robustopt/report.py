@@ -78,6 +78,8 @@ def _headline(data: Summary) -> str:
     """Return a line that says how a run ended."""
     if data.duration is None:
         return f"{data.name}: {data.status}"
+    if data.rejected:
+        return f"{data.name}: {data.status}; the plan of {data.duration:.4f} s is rejected"
     if data.kind == "learning":
         return f"{data.name}: {data.status} a plan of {data.duration:.4f} s"
     return f"{data.name}: {data.status}; the motion takes {data.duration:.4f} s, planned by {data.method}"

@@ -88,12 +88,14 @@ def execute_stored(
         progress: called after every chunk of trials.
 
     Raises:
-        RunFolderError: the run has no plan, or is not as it was written.
+        RunFolderError: the run has no plan or a rejected one, or is not as it was written.
         ConfigError: the plan depends on an override.
     """
     known = read_summary(folder)
     if known.duration is None:
         raise RunFolderError(f"{folder}: the run has no plan ({known.status}); expected one that was solved")
+    if known.rejected:
+        raise RunFolderError(f"{folder}: its plan failed its certificate and was rejected; expected one that passed")
     _require_free(overrides)
     config = unchanged_config(folder, [*overrides, *_grid(known)])
     plan = read_plan(config, folder / PLAN)

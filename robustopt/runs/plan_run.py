@@ -142,13 +142,15 @@ def _certificate(certificate: Certificate, plan: Plan) -> CertificateRecord:
 def write_run(result: PlanResult, folder: Path, arguments: Sequence[str]) -> Summary:
     """Write the data of a run into a folder and return its summary; `report` writes figures and page.
 
+    A plan that failed its certificate is not written: a controller could run its files.
+
     Args:
         result: the plan and its certificate.
         folder: folder of the run.
         arguments: arguments of the command, for the record of its origin.
     """
     write_origin(folder, result.config, arguments)
-    if result.plan.status is Status.SOLVED:
+    if result.certified:
         result.plan.export(folder, result.config.output.period)
     data = summary(result)
     write_record(folder / SUMMARY, data)

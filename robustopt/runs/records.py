@@ -296,6 +296,11 @@ class Summary(Record):
     plan_of: str | None = None
     learning: LearningRecord | None = None
 
+    @property
+    def rejected(self) -> bool:
+        """Whether the plan failed its certificate."""
+        return self.certificate is not None and not self.certificate.passed
+
 
 class ModelFile(Record):
     """Robot model of a run; the hash covers the files that the model names."""
