@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from robustopt.config import Config
+from robustopt.config.margin import without_margin
 from robustopt.errors import ConfigError, RunFolderError
 from robustopt.runs.origin import unchanged_config, write_origin
 from robustopt.runs.plan_run import PLAN, PlanResult, summary, write_run
@@ -158,6 +159,7 @@ def _execution_summary(result: ExecutionResult) -> Summary:
         name=known.name,
         status=result.status,
         message=sentence(executions),
+        without_margin=without_margin(result.config) or None,
         success_rate=executions.success_rate,
         success_interval=executions.interval,
         executions=_executions_record(executions),

@@ -12,6 +12,7 @@ import numpy as np
 
 from robustopt.certificate import Certificate, certify
 from robustopt.config import Config
+from robustopt.config.margin import without_margin
 from robustopt.limits import TimeScalingProblem, build_problem
 from robustopt.runs.origin import write_origin
 from robustopt.runs.records import CertificateRecord, DiagnosisRecord, ProblemSize, RunStatus, Summary
@@ -118,6 +119,7 @@ def summary(result: PlanResult) -> Summary:
         name=result.config.name,
         status=result.status,
         message=message,
+        without_margin=(without_margin(result.config) or None) if result.certified else None,
         method=plan.method,
         duration=plan.duration if certificate is not None else None,
         binding=binding_shares(plan) if certificate is not None else {},

@@ -140,6 +140,7 @@ class RemedyRecord(Record):
     needed: float
     limits: tuple[str, ...]
     enough: bool
+    together: tuple[RemedyRecord, ...] = ()
     sentence: str
 
 
@@ -150,6 +151,7 @@ class DiagnosisRecord(Record):
     s: float
     place: str
     conflicts: tuple[tuple[str, ...], ...]
+    places: tuple[str, ...] = ()
     remedies: tuple[RemedyRecord, ...]
     standstill: bool
     from_rest: bool
@@ -268,6 +270,7 @@ class Summary(Record):
 
     Attributes:
         kind, name, status, message: the command, the task, how it ended, and the same in sentences.
+        without_margin: sentence about the quantities for which the plan has no margin.
         method, duration: solver, and duration of the motion [s]; None without a plan.
         binding: share of the duration in which each limit binds.
         statistics: figures of the solution process.
@@ -280,6 +283,7 @@ class Summary(Record):
     name: str
     status: RunStatus
     message: str
+    without_margin: str | None = None
     method: str | None = None
     duration: float | None = None
     binding: dict[str, float] = {}

@@ -52,13 +52,15 @@ class Candidate:
             return float(self.found * (self.generous / self.found) ** share)
         return self.found + share * (self.generous - self.found)
 
-    def changes(self, share: float) -> dict[str, Any]:
-        """Return the changes of the configuration, values by key.
+    def share(self, value: float) -> float:
+        """Return how far a value is on the way from the present to the most generous one, from 0 to 1.
 
         Args:
-            share: 0 for the present value, 1 for the most generous one.
+            value: the value.
         """
-        return self.write(self.value(share))
+        if self.generous > self.found > 0:
+            return float(np.log(value / self.found) / np.log(self.generous / self.found))
+        return (value - self.found) / (self.generous - self.found)
 
 
 def candidates(problem: TimeScalingProblem, conflict: Collection[str]) -> Iterator[Candidate]:
