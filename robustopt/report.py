@@ -176,7 +176,7 @@ def _left(margin: float | None, passed: bool) -> str:
     if margin is None:
         return "not held by any forces"
     if passed and margin < -ROUNDING:
-        return f"within tolerance, {-100 * margin:.2g} % beyond the limit"
+        return f"within tolerance ({-100 * margin:.2g} % over)"
     return f"{100 * margin if abs(margin) > ROUNDING else 0.0:.2g} % of the limit"
 
 

@@ -70,6 +70,6 @@ def test_a_negative_margin_that_passes_is_within_tolerance() -> None:
     assert "0 % of the limit left" in str(Worst(limit, -3e-8, 0.5, 1.0, True, {}))
     shown = {row.name: row.value for row in certificate_rows(CertificateRecord.model_validate(certificate))}
     assert shown["margin at grid points"] == "0 % of the limit: joint1 torque"
-    assert shown["worst margin"] == "within tolerance, 0.12 % beyond the limit: joint1 torque"
+    assert shown["worst margin"] == "within tolerance (0.12 % over): joint1 torque"
     failed = CertificateRecord.model_validate(certificate).model_copy(update={"passed": False})
     assert {row.name: row.value for row in certificate_rows(failed)}["worst margin"].startswith("-0.12 %")

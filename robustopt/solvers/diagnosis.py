@@ -66,10 +66,11 @@ class Remedy:
     @property
     def sentence(self) -> str:
         """Return the remedy in words."""
-        if self.together:
-            return f"{' and '.join([self.change, *(other.change for other in self.together)])} (enough together)"
-        purpose = "enough by itself" if self.enough else f"resolves {' together with '.join(self.limits)} only"
-        return f"{self.change} ({purpose})"
+        changes = " and ".join([self.change, *(other.change for other in self.together)])
+        purpose = f"resolves {' together with '.join(self.limits)} only"
+        if self.enough:
+            purpose = "enough together" if self.together else "enough by itself"
+        return f"{changes} ({purpose})"
 
 
 @dataclass(frozen=True)
@@ -126,14 +127,14 @@ def diagnose(plan: Plan) -> Diagnosis:
     problem, point = plan.problem, max(plan.stuck, 0)
     found = list(_conflicts(problem))
     conflicts = list(_told_apart(problem, found))
-    stuck = {conflict: max(_solved(problem.only(conflict)).stuck, 0) for conflict in conflicts}
-    conflicts.sort(key=lambda conflict: stuck[conflict] != point)
+    points = {conflict: _point(problem.only(conflict), point) for conflict in conflicts}
+    conflicts.sort(key=lambda conflict: points[conflict] != point)
     return Diagnosis(
         point=point,
         s=float(problem.s[point]),
         place=_place(problem, point),
         conflicts=tuple(conflicts),
-        places=tuple(f"s = {problem.s[stuck[one]]:.4g} ({_place(problem, stuck[one])})" for one in conflicts),
+        places=tuple(f"s = {problem.s[points[one]]:.4g} ({_place(problem, points[one])})" for one in conflicts),
         remedies=tuple(_remedies(problem, conflicts, found)),
         standstill=standstill(problem) == point,
         from_rest=bool(problem.rest[point]) and standstill(problem) != point,
@@ -142,6 +143,12 @@ def diagnose(plan: Plan) -> Diagnosis:
 
 def _place(problem: TimeScalingProblem, point: int) -> str:
     return problem.path.label(float(problem.s[point]))
+
+
+def _point(problem: TimeScalingProblem, point: int) -> int:
+    """Return the grid point at which the robot cannot stand still, else the given one."""
+    at_rest = standstill(_solved(problem).problem)
+    return point if at_rest < 0 else at_rest
 
 
 def _solved(problem: TimeScalingProblem) -> Plan:
@@ -239,7 +246,7 @@ def _single(trial: _Trial, limits: tuple[str, ...]) -> Iterator[Remedy]:
     for candidate in candidates(trial.problem, limits):
         value = trial.nearest(candidate, {})
         if value is not None:
-            yield Remedy(candidate.key, candidate.found, value, limits, trial.limits is None)
+            yield _remedy({candidate: value}, limits, trial.limits is None)
 
 
 def _pairs(trial: _Trial, affected: Sequence[str], limits: tuple[str, ...]) -> Iterator[Remedy]:
@@ -253,8 +260,15 @@ def _pairs(trial: _Trial, affected: Sequence[str], limits: tuple[str, ...]) -> I
         found = [values for values in orders if values is not None]
         if found:
             best = min(found, key=lambda values: sum(one.share(value) for one, value in values.items()))
-            changes = [Remedy(one.key, one.found, best[one], limits, True) for one in (first, second)]
-            yield replace(changes[0], together=(changes[1],))
+            yield _remedy({first: best[first], second: best[second]}, limits, True)
+
+
+def _remedy(values: Mapping[Candidate, float], limits: tuple[str, ...], enough: bool) -> Remedy:
+    """Return the remedy that changes some keys, and the nominal values that would lie outside their new intervals."""
+    changes = [(one.key, one.found, value) for one, value in values.items()]
+    changes += [(*one.nominal, value) for one, value in values.items() if one.nominal and one.nominal[1] < value]
+    first, *others = [Remedy(*change, limits, enough) for change in changes]
+    return replace(first, together=tuple(others))
 
 
 @dataclass(frozen=True)
@@ -271,17 +285,17 @@ class _Trial:
 
     def works(self, values: Mapping[Candidate, float], method: str = "reachability") -> bool:
         """Return whether the problem has a solution after changes of some keys."""
-        changes = {key: value for one, new in values.items() for key, value in one.write(new).items()}
+        config, robot = self.problem.config, self.problem.robot
         try:
-            config = with_values(self.problem.config, changes)
-            robot = self.problem.robot
-            if any(key.startswith("robot.") for key in changes):
+            for candidate, value in values.items():
+                config = with_values(config, candidate.write(config, value))
+            if any(candidate.key.startswith("robot.") for candidate in values):
                 robot = load_robot(config)
             changed = build_rows(config, robot, self.problem.path)
+            if method == "ipopt" and self.limits is None:
+                return solve(changed).status is Status.SOLVED
         except ConfigError:
             return False
-        if method == "ipopt" and self.limits is None:
-            return solve(changed).status is Status.SOLVED
         return _solvable(changed if self.limits is None else changed.only(self.limits))
 
     def nearest(self, candidate: Candidate, others: Mapping[Candidate, float]) -> float | None:
@@ -292,7 +306,8 @@ class _Trial:
         for _ in range(BISECTIONS):
             middle = 0.5 * (low + high)
             low, high = (low, middle) if self.works({**others, candidate: candidate.value(middle)}) else (middle, high)
-        method, rounded = self.problem.config.solver.method, _rounded(candidate, candidate.value(high))
+        method = self.problem.config.solver.method
+        rounded = _rounded(candidate, candidate.value(low), candidate.value(high))
         return next((value for value in rounded if self.works({**others, candidate: value}, method)), None)
 
     def nearest_two(self, leading: Candidate, other: Candidate) -> dict[Candidate, float] | None:
@@ -302,13 +317,13 @@ class _Trial:
         return None if value is None or after is None else {leading: value, other: after}
 
 
-def _rounded(candidate: Candidate, value: float) -> Iterator[float]:
-    """Yield a value rounded towards the most generous one, then further ones, each one step of its last digit on."""
+def _rounded(candidate: Candidate, fails: float, works: float) -> Iterator[float]:
+    """Yield rounded values from one that fails to one that works and beyond, each one step of its last digit on."""
     digits = DIGITS
-    while digits < MOST_DIGITS and f"{value:.{digits}g}" == f"{candidate.found:.{digits}g}":
+    while digits < MOST_DIGITS and f"{works:.{digits}g}" == f"{candidate.found:.{digits}g}":
         digits += 1
-    up, exact = candidate.generous > candidate.found, Decimal(value)
-    step = Decimal(1).scaleb((exact.adjusted() if value else 0) - digits + 1)
+    up, exact = candidate.generous > candidate.found, Decimal(fails)
+    step = Decimal(1).scaleb(exact.adjusted() - digits + 1)
     first = exact.quantize(step, ROUND_CEILING if up else ROUND_FLOOR)
     for k in range(MOST_STEPS):
         yield float(first + k * step) if up else max(float(first - k * step), candidate.generous)

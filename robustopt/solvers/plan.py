@@ -239,8 +239,7 @@ def binding_rows(problem: TimeScalingProblem, x: Array, u: Array) -> Flags:
         x: sd^2 (P,).
         u: sdd on each interval (P - 1,).
     """
-    binding: Flags = _binding_ends(problem, x, u).any(axis=0)
-    return binding
+    return np.asarray(_binding_ends(problem, x, u).any(axis=0))
 
 
 def _binding_ends(problem: TimeScalingProblem, x: Array, u: Array) -> Flags:
@@ -254,10 +253,10 @@ def _active(problem: TimeScalingProblem, x: Array, u: Array) -> tuple[tuple[str,
     """Return the names of the limits that bind at either end of each interval, in the order of the columns."""
     ends = _binding_ends(problem, x, u)
     tipping = _tipping(problem, x, u, ends)
-    names = []
-    for i, row in enumerate(ends.any(axis=0)):
-        found = dict.fromkeys(problem.row_names[k] for k in np.flatnonzero(row))
-        names.append(dict.fromkeys(tipping.get((i, name), name) for name in found))
+    names: list[dict[str, None]] = [{} for _ in u]
+    for i, k in np.argwhere(ends.any(axis=0)):
+        name = problem.row_names[k]
+        names[i][tipping.get((i, name), name)] = None
     fast = (x >= problem.x_max * (1 - ACTIVE_TOLERANCE)) & (problem.x_max > 0)
     for i in np.flatnonzero(problem.ds > 0):
         for k in (i, i + 1):
@@ -283,7 +282,7 @@ def _tipping(problem: TimeScalingProblem, x: Array, u: Array, ends: Flags) -> di
         slip, *others = limit.names
         if not others or others[0] == slip:
             continue
-        slips = ends[:, :, [name == slip for name in problem.row_names]].any(axis=2)
+        slips = np.asarray(ends[:, :, [name == slip for name in problem.row_names]].any(axis=2))
         free = slips.copy()
         for end in (0, 1):
             at = np.flatnonzero(slips[end])
