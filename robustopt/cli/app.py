@@ -26,7 +26,7 @@ from robustopt.cli.commands import (
     make_plan,
     print_dry_run,
 )
-from robustopt.cli.terminal import Output, fail, print_json, show, show_runs
+from robustopt.cli.terminal import Output, fail, own_stdout, print_json, show, show_runs
 from robustopt.errors import ConfigError, RobustOptError
 from robustopt.interruption import INTERRUPTED, STOPS, Kept, interruptions, listen, on_interrupt
 from robustopt.processes import end_processes
@@ -232,7 +232,7 @@ def runs(
     folder: Annotated[Path, typer.Argument(metavar="[FOLDER]", help="list the runs in this folder")] = Path("results"),
     json: Json = False,
 ) -> int:
-    """List runs and their state: complete, running, or to be resumed."""
+    """List runs and their state: complete, rejected, running, resumable or damaged."""
     from robustopt.runs.listing import runs as found
 
     records = found(folder)
@@ -353,6 +353,7 @@ def main() -> None:
     atexit.register(ending.end_at_once)  # before all others, so that it is called after them
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     listen()
+    own_stdout()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
