@@ -7,7 +7,6 @@ Writes bound_tightness.csv and .md.
 
 from __future__ import annotations
 
-import time
 import argparse
 from collections.abc import Mapping
 from math import nan
@@ -128,25 +127,26 @@ def with_intervals(task: str, uncertainty: str, points: int) -> dict[str, float]
     return {"robust": found.robust, "possible": found.possible, "rows": found.rows}
 
 
-def record(task: str, kinds: tuple[str, ...], inertia: str, points: int) -> dict[str, float | int | str]:
-    """Return the line of a task with intervals of some kinds."""
+def record(task: str, kinds: tuple[str, ...], points: int, inertia: str = KNOWN) -> dict[str, float | int | str]:
+    """Return the line of a task with intervals of some kinds; the inertia counts if a centre of mass has one."""
     _, intervals = TASKS[task]
-    given = {kind: intervals[kind] for kind in kinds}
-    if inertia:
+    given, moves = {kind: intervals[kind] for kind in kinds}, "center_of_mass" in kinds
+    if moves:
         names = load_config(ROOT / "configs" / f"waiter_{task}.yaml").objects
         given["inertia"] = "{" + ", ".join(f"{name}: {inertia}" for name in names) + "}"
     found = with_intervals(task, "{" + ", ".join(f"{kind}: {value}" for kind, value in given.items()) + "}", points)
     nominal = with_intervals(task, "{}", points)["robust"]
-    gap, price = found["robust"] - found["possible"], found["robust"] - nominal
+    gap = max(found["robust"] - found["possible"], 0.0)  # below 0 by rounding errors alone
+    price = found["robust"] - nominal
     return {
         "task": task,
         "intervals": "all" if len(kinds) == len(intervals) else " and ".join(kinds),
-        "inertia": inertia,
+        "inertia": inertia if moves else "",
         "nominal": nominal,
         **found,
         "rows": int(found["rows"]),
         "loss": 100 * gap / found["possible"],
-        "goal": GOALS[inertia or KNOWN],
+        "goal": GOALS[inertia],
         "share": 100 * gap / price if price > LEAST_PRICE * nominal else nan,
     }
 
@@ -154,9 +154,8 @@ def record(task: str, kinds: tuple[str, ...], inertia: str, points: int) -> dict
 def cases(intervals: Mapping[str, str]) -> list[tuple[tuple[str, ...], str]]:
     """Return the kinds of intervals of each line of a task, and the inertia there."""
     together = [PRODUCT] if len(intervals) == len(PRODUCT) else [PRODUCT, tuple(intervals)]
-    known = [*((kind,) for kind in intervals), *together]
     return [
-        *((kinds, KNOWN if "center_of_mass" in kinds else "") for kinds in known),
+        *((kinds, KNOWN) for kinds in [*((kind,) for kind in intervals), *together]),
         (("center_of_mass",), FACTOR),
         *((kinds, REALIZABLE) for kinds in [("center_of_mass",), *together]),
     ]
@@ -170,8 +169,8 @@ def main() -> None:
     records = []
     for task, (_, intervals) in TASKS.items():
         for kinds, inertia in cases(intervals):
-            records.append(record(task, kinds, inertia, chosen.points))
-            print(time.strftime("%X"), " ".join(str(value) for value in records[-1].values()), flush=True)
+            records.append(record(task, kinds, chosen.points, inertia))
+            print(" ".join(str(value) for value in records[-1].values()), flush=True)
     table = Table(COLUMNS, tuple(records))
     chosen.out.mkdir(parents=True, exist_ok=True)
     (chosen.out / "bound_tightness.csv").write_text(csv_text(table), encoding="utf-8")

@@ -58,9 +58,13 @@ GOALS = {
 WRIST = 2.0
 """Largest speed of joint 4, whose viscous friction takes all of its torque at 2.5 rad/s [rad/s]."""
 
+CONTROLLERS = ("gravity", "computed_torque")
+"""Values of `execution.controller.feedforward`; the first one is the default."""
+
 IGNORANT, KNOWING, ROBUST = "nominal", "known centre", "robust"
 
 COLUMNS = (
+    Column("feedforward", "feedforward"),
     Column("height", "height [m]", ".1f"),
     Column("plan", "plan"),
     Column("plans", "plans"),
@@ -71,9 +75,7 @@ COLUMNS = (
     Column("other", "other"),
     Column("duration", "mean duration [s]", ".3f"),
     Column("slowest", "longest [s]", ".3f"),
-    Column("tilt", "largest tilt of a success [rad]", ".4f"),
-    Column("slip", "largest slip of a success [mm]", ".2f"),
-    Column("error", "joint acceleration error, rms of the worst joint [rad/s^2]", ".3f"),
+    Column("error", "acceleration error, worst joint, median rms [rad/s^2]", ".3f"),
 )
 
 ABOVE = """# Boxes whose centre of mass and inertia are unknown
@@ -142,8 +144,8 @@ def planned(config: Config, settings: Sequence[Mapping[str, Sequence[float]]] = 
     return plans
 
 
-def executions(height: float, goal: str, points: int) -> Iterator[Record]:
-    """Yield a record of each execution of a height and a goal."""
+def executions(height: float, goal: str, feedforward: str, points: int) -> Iterator[Record]:
+    """Yield a record of each execution of a height, a goal and a controller."""
     places, usual = centers(height), task(height, goal, points)
     settings = [{}, *({"objects.block.center_of_mass": tuple(center.tolist())} for center in places)]
     ignorant, *knowing = planned(usual, settings)
@@ -159,13 +161,14 @@ def executions(height: float, goal: str, points: int) -> Iterator[Record]:
                     "plan": kind,
                     "center": number,
                     "scale": scale,
-                    **_outcome(plan, world),
+                    **_outcome(plan, world, feedforward),
                 }
 
 
-def _outcome(plan: Plan, world: Mapping[str, Any]) -> Record:
+def _outcome(plan: Plan, world: Mapping[str, Any], feedforward: str) -> Record:
     """Return the outcome of a plan in a world."""
-    found = execute(plan, with_values(plan.problem.config, {"execution.truth": world}))
+    execution = {"execution.truth": world, "execution.controller": {"feedforward": feedforward}}
+    found = execute(plan, with_values(plan.problem.config, execution))
     (trial,) = found.outcomes
     block = trial.objects["block"]
     feedback = found.feedback
@@ -179,30 +182,32 @@ def _outcome(plan: Plan, world: Mapping[str, Any]) -> Record:
     }
 
 
-def records(height: float, goal: str, points: int, work: Path) -> list[Record]:
-    """Return the records of a height and a goal, which are read if they exist."""
-    file = work / f"{height}_{goal}_{points}.json"
+def records(height: float, goal: str, feedforward: str, points: int, work: Path) -> list[Record]:
+    """Return the records of a height, a goal and a controller, which are read if they exist."""
+    file = work / f"{height}_{goal}_{feedforward}_{points}.json"
     if not file.is_file():
-        found = list(executions(height, goal, points))
+        found = list(executions(height, goal, feedforward, points))
         work.mkdir(parents=True, exist_ok=True)
         part = file.with_suffix(".part")
         part.write_text("".join(json.dumps(record) + "\n" for record in found), encoding="utf-8")
         part.replace(file)
-    return [json.loads(text) for text in file.read_text(encoding="utf-8").splitlines()]
+    lines = file.read_text(encoding="utf-8").splitlines()
+    return [{"feedforward": feedforward, **json.loads(text)} for text in lines]
 
 
 def lines(found: Sequence[Record]) -> Iterator[Record]:
-    """Yield the line of each height and kind of plan."""
-    for height, kind in dict.fromkeys((record["height"], record["plan"]) for record in found):
-        here = [record for record in found if (record["height"], record["plan"]) == (height, kind)]
+    """Yield the line of each controller, height and kind of plan."""
+    keys = ("feedforward", "height", "plan")
+    for values in dict.fromkeys(tuple(record[key] for key in keys) for record in found):
+        here = [record for record in found if tuple(record[key] for key in keys) == values]
         fine = [record for record in here if record["status"] == Outcome.SUCCESS.value]
         status = [record["status"] for record in here]
         tipped, slid = status.count(Outcome.TIPPED.value), status.count(Outcome.SLID.value)
         failures, durations = len(here) - len(fine), [record["duration"] for record in here]
+        errors = [record["error"] for record in here if record["error"] is not None]
         yield {
-            "height": height,
-            "plan": kind,
-            "plans": len({(record["goal"], record["center"] if kind == KNOWING else 0) for record in here}),
+            **dict(zip(keys, values, strict=True)),
+            "plans": len({(record["goal"], record["center"] if values[-1] == KNOWING else 0) for record in here}),
             "executions": len(here),
             "failures": failures,
             "tipped": tipped,
@@ -210,9 +215,7 @@ def lines(found: Sequence[Record]) -> Iterator[Record]:
             "other": failures - tipped - slid,
             "duration": float(np.mean(durations)),
             "slowest": max(durations),
-            "tilt": max((record["tilt"] for record in fine), default=None),
-            "slip": max((1e3 * record["slip"] for record in fine), default=None),
-            "error": max((record["error"] for record in here if record["error"] is not None), default=None),
+            "error": float(np.median(errors)),
         }
 
 
@@ -223,9 +226,9 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=ROOT / "results" / "benchmarks", help="folder that is written to")
     chosen = parser.parse_args()
     work, found = bench("inertia", chosen.out).work, []
-    for height, goal in product(chosen.heights, GOALS):
-        found += records(height, goal, chosen.points, work)
-        print(f"{height} m, {goal}: {len(found)} executions", flush=True)
+    for feedforward, height, goal in product(CONTROLLERS, chosen.heights, GOALS):
+        found += records(height, goal, feedforward, chosen.points, work)
+        print(f"{feedforward}, {height} m, {goal}: {len(found)} executions", flush=True)
     table = Table(COLUMNS, tuple(lines(found)))
     chosen.out.mkdir(parents=True, exist_ok=True)
     (chosen.out / "inertia.csv").write_text(csv_text(table), encoding="utf-8")

@@ -15,7 +15,7 @@ from itertools import product
 import numpy as np
 from worst_bodies import Box, box_of
 
-from robustopt.arrays import Array
+from robustopt.arrays import Array, Indices
 from robustopt.config import Config
 from robustopt.geometry import convex_hull, rotation
 from robustopt.limits import TimeScalingProblem
@@ -39,6 +39,9 @@ NOTHING = np.zeros((0, 0, 3))
 
 WORST_ROWS = 6
 """Number of rows that are searched at each end of an interval: the ones with the largest bounds."""
+
+FAR = -0.01
+"""Bound below which a row is not searched, as a fraction of the limit."""
 
 CHUNK = 16
 """Ends of intervals whose bounds are evaluated at once, to save memory."""
@@ -173,28 +176,39 @@ class Search:
         result[:, 2] += np.einsum("mk,mk->m", per_rate[:, 3:], self.box.error(z))
         return result
 
-    def values(self, z: Array) -> Array:
-        """Return the values of all rows for parameters z (M, size), (M, F)."""
+    def required(self, z: Array) -> Array:
+        """Return the required wrenches about the carrier's origin for parameters z (M, size), (M, 6)."""
         rates = np.hstack([self.timing, self.box.error(z)])
         regressor = np.einsum("mk,mkij->mij", rates, self.problem.limits.motion.wrench_map[self.points])
-        wrench = np.einsum("mij,mj->mi", regressor, self.phi(z))
-        return self.limit.values(self.points, wrench, self.timing, self.box.units(z))
+        return np.einsum("mij,mj->mi", regressor, self.phi(z))
+
+    def values(self, z: Array) -> Array:
+        """Return the values of all rows for parameters z (M, size), (M, F)."""
+        return self.limit.values(self.points, self.required(z), self.timing, self.box.units(z))
+
+    def at(self, ends: Indices) -> Search:
+        """Return the same limit at some of the ends."""
+        return replace(self, points=self.points[ends], timing=self.timing[ends])
 
     def climb(self, row: Array, z: Array) -> tuple[Array, Array, Array]:
-        """Return the value, row and parameters that are reached from a row and parameters at each point.
+        """Return the value, row and parameters that are reached from a row and parameters at each end.
 
         The search goes coordinate by coordinate. A row is affine in each mass and each error. For a centre of mass the
         ends, the middle and the vertex of the parabola through them are tried, each with its worst inertia.
         """
-        value = np.full(len(row), -np.inf)
+        value, row, z = np.full(len(row), -np.inf), row.copy(), z.copy()
+        climbing = np.arange(len(row))
         for _ in range(CLIMBS):
-            z = self._sweep(row, z)
-            values = self.values(z)
-            row, reached = np.argmax(values, axis=1), values.max(axis=1)
-            if (reached <= value + 0.1 * VIOLATION).all():
+            if not len(climbing):
                 break
-            value = reached
-        return reached, row, z
+            here = self.at(climbing)
+            z[climbing] = here._sweep(row[climbing], z[climbing])
+            values = here.values(z[climbing])
+            row[climbing], reached = np.argmax(values, axis=1), values.max(axis=1)
+            better = reached > value[climbing] + 0.1 * VIOLATION
+            value[climbing] = reached
+            climbing = climbing[better]
+        return value, row, z
 
     def _sweep(self, row: Array, z: Array) -> Array:
         """Return z after a step along each free parameter, for a row at each point."""
@@ -225,40 +239,43 @@ def _vertex(low: Array, high: Array, middle: Array) -> Array:
     return np.clip(np.where(bend < 0, -slope / (2 * np.where(bend < 0, bend, -1.0)), 0.0), -1.0, 1.0)
 
 
-def worst_draws(search: Search, rng: np.random.Generator) -> tuple[Array, Array, Array]:
-    """Return the worst value found at each point, its row and its parameters: (M,), (M,), (M, size).
+def worst_draws(search: Search, rng: np.random.Generator) -> tuple[Array, Array, Array, Indices]:
+    """Return the worst values found, their rows, their parameters, and the ends of intervals where they are.
 
-    The search climbs from random corners of the box.
+    The search climbs from random corners of the box for each row that is likely to be violated.
     """
-    box, M = search.box, len(search.points)
-    likely = _likely_rows(search.limit, search.points, search.timing[:, 0], search.timing[:, 1])
-    best = np.full(M, -np.inf)
-    facet, parameters = np.zeros(M, dtype=np.int64), box.nominal(M)
-    for trial in range(STARTS * likely.shape[1]):
-        z = box.nominal(M)
-        corner = rng.choice([-1.0, 1.0], size=(M, len(box.free)))
+    box = search.box
+    ends, first = _likely_rows(search)
+    search = search.at(ends)
+    value, row, parameters = np.full(len(ends), -np.inf), first.copy(), box.nominal(len(ends))
+    for _ in range(STARTS):
+        z = box.nominal(len(ends))
+        corner = rng.choice([-1.0, 1.0], size=(len(ends), len(box.free)))
         z[:, : len(box.free)] = np.where(box.free, corner, 0.0)
-        value, row, z = search.climb(likely[:, trial % likely.shape[1]], z)
-        better = value > best
-        best[better], facet[better], parameters[better] = value[better], row[better], z[better]
-    return best, facet, parameters
+        reached, last, z = search.climb(first, z)
+        better = reached > value
+        value[better], row[better], parameters[better] = reached[better], last[better], z[better]
+    return value, row, parameters, ends
 
 
-def _likely_rows(limit: Limit, points: Array, u: Array, x: Array) -> Array:
-    """Return the rows with the largest bounds at each point, (M, up to WORST_ROWS).
+def _likely_rows(search: Search) -> tuple[Indices, Indices]:
+    """Return the rows with the largest bounds, up to WORST_ROWS at each end of an interval: the ends and their rows.
 
     Other rows are violated less, if at all.
     """
-    B, loads, base, base_terms, _ = limit.family
-    chosen = []
-    for k in range(0, len(points), CHUNK):
-        part = slice(k, k + CHUNK)
-        here = points[part]
-        rows, own = B[here] if len(B) > 1 else B[0], base[here] if base.size else base
+    B, wrench, base, base_terms, _ = search.limit.family
+    ends, rows = [], []
+    for first in range(0, len(search.points), CHUNK):
+        part = slice(first, first + CHUNK)
+        here, (u, x, _) = search.points[part], search.timing[part].T
+        facets, own = B[here] if len(B) > 1 else B[0], base[here] if base.size else base
         terms = base_terms[here] if base_terms.size else base_terms
-        bounds = evaluate(rows, loads.at(here), own, terms, u[part], x[part])
-        chosen.append(np.argsort(-bounds, axis=1)[:, :WORST_ROWS])
-    return np.concatenate(chosen)
+        bounds = evaluate(facets, wrench.at(here), own, terms, u, x)
+        largest = np.argsort(-bounds, axis=1)[:, :WORST_ROWS]
+        end, place = np.nonzero(np.take_along_axis(bounds, largest, axis=1) > FAR)
+        ends.append(first + end)
+        rows.append(largest[end, place])
+    return np.concatenate(ends), np.concatenate(rows)
 
 
 @dataclass(frozen=True)
@@ -319,9 +336,9 @@ def _violated_rows(problem: TimeScalingProblem, box: Box, limit: Limit, plan: Pl
     """Return the rows that a plan violates for the worst parameters found."""
     u, x, points = interval_ends(problem, plan.x, plan.u)
     search = Search(problem, box, limit, points, np.stack([u, x, np.ones_like(u)], axis=1))
-    value, facet, z = worst_draws(search, rng)
+    value, row, z, ends = worst_draws(search, rng)
     hit = value > VIOLATION
-    return points[hit], search.coefficients(facet, z)[hit]
+    return points[ends[hit]], search.at(ends[hit]).coefficients(row[hit], z[hit])
 
 
 def _with_rows(problem: TimeScalingProblem, cuts: list[Cuts]) -> TimeScalingProblem:
