@@ -97,11 +97,11 @@ BELOW = """
   `uncertainty.inertia` at its default, `realizable`: one plan per goal. All have the same further intervals: 2 mm on
   the contact points, 0.03 rad/s^2 on the joint acceleration.
 - Feedforward is `execution.controller.feedforward`: compensation of gravity (the default), or also the torque of the
-  planned motion with the nominal box. With the former the acceleration error of the joints exceeds the interval that
-  the plans assume, as the last column shows. The robust plans that fail with it tip one box, with its centre of mass at
-  an upper corner of the interval, where the tray slows down at the end of its descent. They tip it with a time step of
-  half the length and with friction 1 as well, but not with the torque of the planned motion, or at 0.97 of the speed.
-  So the cause is the error of the controller, not the bounds on the box.
+  planned motion with the nominal box. The acceleration error of the worst joint exceeds the interval that the plans
+  assume, as the last column shows, with the former much more than with the latter. The robust plans that fail tip one
+  box, with its centre of mass at an upper corner of the interval, where the tray slows down at the end of its descent,
+  and only with the default. At 0.5 m and the largest inertia it tips with half the time step and with friction 1 as
+  well, but not at 0.97 of the speed. So the cause is the error of the controller, not the bounds on the box.
 """
 
 
