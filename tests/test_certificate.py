@@ -14,7 +14,7 @@ from scipy.optimize import linprog
 
 from robustopt.certificate import LEVELS, Certificate, certify
 from robustopt.certificate.balance import balance
-from robustopt.certificate.bodies import Parameters
+from robustopt.certificate.bodies import Body, Parameters
 from robustopt.certificate.force_closure import GAP
 from robustopt.certificate.joints import KnownTorques, torques
 from robustopt.certificate.loads import body_loads
@@ -384,7 +384,9 @@ def _with_load(robot: Any, world: World, q: np.ndarray, qd: np.ndarray, qdd: np.
     site = next(site for site in spec.sites if site.name == CARRIER_SITE)
     body = site.parent.add_body(name="load", pos=site.pos, quat=site.quat)
     for k, item in enumerate(world.bodies):
-        inertia = item.mass * item.inertia
+        xx, yy, zz, xy, xz, yz = item.inertia
+        own = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        inertia = item.mass * item.turn @ own @ item.turn.T
         full = [inertia[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
         body.add_body(name=f"load{k}", mass=item.mass, ipos=item.center, fullinertia=full, explicitinertial=True)
     model = spec.compile()
@@ -458,6 +460,12 @@ def test_samples_are_told_where_they_are_worse_than_what_is_known() -> None:
     assert tally.tests >= 300 * len(at.s) * (4 + len(world.systems))
 
 
+def _inertia(body: Body, words: Any) -> np.ndarray:
+    """The inertia per unit of mass that was reported, or the nominal one."""
+    reported = words.get("inertia", {}).get(body.name)
+    return body.inertia if reported is None else np.array(reported) / words["mass"].get(body.name, body.mass)
+
+
 def _again(world: World, moving: Any, system: System, found: Any) -> float:
     """The utilisation at the parameters that were reported, from the words alone."""
     words, nominal = found.parameters, world.nominal
@@ -469,6 +477,7 @@ def _again(world: World, moving: Any, system: System, found: Any) -> float:
     values = Parameters(
         mass=np.array([words["mass"].get(body.name, body.mass) for body in world.bodies]),
         com=np.array([words["center_of_mass"].get(body.name, (0.0, 0.0, 0.0)) for body in world.bodies]),
+        inertia=np.array([_inertia(body, words) for body in world.bodies]),
         friction=np.where(np.isnan(friction), nominal.friction, friction),
         force=nominal.force,
         shift=shift,

@@ -73,9 +73,9 @@ class Body:
         """
         if self.factor is None:
             return random_inertias(self.half, self.is_round, self.offset[:, None] + com, rng, corners)
-        (low, high), share = self.factor, rng.random(com.shape[1])
-        share = np.where(share < 0.5, 0.0, 1.0) if corners else share
-        return self.inertia[:, None] * (low + (high - low) * share)
+        low, high = self.factor
+        share = rng.integers(2, size=com.shape[1]) if corners else rng.random(com.shape[1])
+        return np.asarray(self.inertia[:, None] * (low + (high - low) * share))
 
 
 def payload(config: Config) -> list[Body]:

@@ -23,6 +23,7 @@ from robustopt.certificate.world import World
 Load = tuple[Array, Array]
 """Parts `rest` and `move` of a wrench."""
 
+
 @dataclass(frozen=True, eq=False)
 class Functional:
     """A linear function of the wrench w = weight rest + move of one body: force w[:3] + moment w[3:].
@@ -100,8 +101,8 @@ def at_lowest(
 ) -> Parameters:
     """Return the inertial parameters and acceleration errors at which a sum of functionals is lowest.
 
-    The bodies are independent, so all extremes of each body are tried by themselves. The sum is linear in the error, whose
-    end is chosen afterwards.
+    The bodies are independent, so all extremes of each body are tried by themselves. The sum is linear in the error,
+    whose end is chosen afterwards.
 
     Args:
         world: the bodies and intervals.
@@ -129,11 +130,9 @@ def _lowest(world: World, goal: Functional, frame: Frame, shape: tuple[int, ...]
     slope = _slope(body, frame, goal)
     lowest, best = np.full(shape, np.inf), np.zeros((10, *shape))
     for com in product(*(np.unique([p.com[b, k] for p in (world.lower, world.upper)]) for k in range(3))):
-        inertias = body.inertias(np.array(com))
-        chosen = inertias[np.argmin(inertias @ slope, axis=0)].T
+        inertias, at = body.inertias(np.array(com)), np.broadcast_to(np.array(com)[:, None], (3, *shape))
+        own = inertias[np.argmin(inertias @ slope, axis=0)].T
         for mass in np.unique([world.lower.mass[b], world.upper.mass[b]]):
-            at = np.broadcast_to(np.array(com)[:, None], (3, *shape))
-            own = chosen if mass > 0.0 else inertias[np.argmax(inertias @ slope, axis=0)].T
             value = goal(*body_load(body, frame, mass, at, own))
             better = value < lowest
             lowest = np.where(better, value, lowest)
@@ -149,10 +148,12 @@ def _slope(body: Body, frame: Frame, goal: Functional) -> Array:
     moment, angular, spin = (np.tensordot(body.turn.T, v, axes=1) for v in (goal.moment, frame.angular, frame.spin))
     sides = ((moment, angular), (cross(moment, spin), spin))
     twice = [1.0 if i == j else 2.0 for i, j in ENTRIES]
-    return np.stack([
-        c * sum(0.5 * (left[i] * right[j] + left[j] * right[i]) for left, right in sides)
-        for c, (i, j) in zip(twice, ENTRIES, strict=True)
-    ])
+    return np.stack(
+        [
+            c * sum(0.5 * (left[i] * right[j] + left[j] * right[i]) for left, right in sides)
+            for c, (i, j) in zip(twice, ENTRIES, strict=True)
+        ]
+    )
 
 
 def _gain_of_error(body: Body, frame: Frame, goal: Functional, mass: Array, com: Array, inertia: Array) -> Array:

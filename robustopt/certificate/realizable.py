@@ -8,6 +8,7 @@ equations. In a cylinder the mass is at the ends of chords through the centre of
 
 from __future__ import annotations
 
+from functools import lru_cache
 from itertools import combinations, product
 
 import numpy as np
@@ -48,10 +49,18 @@ def extreme_inertias(half: Array, is_round: bool, center: Array) -> Array:
         is_round: whether the body is a cylinder.
         center: centre of mass from the centre of the shape (3,) [m].
     """
-    found = _in_cylinder(half, center) if is_round else _in_box(half, center)
+    return _extremes(tuple(half.tolist()), is_round, tuple(center.tolist()))
+
+
+@lru_cache(maxsize=1024)
+def _extremes(half: tuple[float, ...], is_round: bool, center: tuple[float, ...]) -> Array:
+    moments = _in_cylinder if is_round else _in_box
+    found = moments(np.array(half), np.array(center))
     kept = np.array(list(product((0.0, 1.0), repeat=3)))  # a mass that is not spread along an axis lies in a plane
     scaled = found[:, None] * (kept[:, FIRST] * kept[:, SECOND])
-    return inertia_of(np.unique(scaled.reshape(-1, 6), axis=0))
+    inertias = inertia_of(np.unique(scaled.reshape(-1, 6), axis=0))
+    inertias.setflags(write=False)
+    return inertias
 
 
 def _in_box(half: Array, center: Array) -> Array:

@@ -288,11 +288,15 @@ def _intervals(config: Config) -> Iterator[Finding]:
     uncertain = config.uncertainty
     for name, limits in config.robot.limits.items():
         if limits.position is not None:
-            yield from _interval(("robot", "limits", name, "position"), limits.position)
+            key: Key = ("robot", "limits", name, "position")
+            yield from _interval(key, limits.position)
+            if limits.position[0] == limits.position[1]:
+                message = f"found [{limits.position[0]:g}, {limits.position[1]:g}], which leaves the joint no room"
+                yield key, f"{message}; expected the lowest value below the highest, or the joint in robot.locked"
     if config.learning is not None:
         yield from _interval(("learning", "friction"), config.learning.friction)
     for name, interval in uncertain.mass.items():
-        key: Key = ("uncertainty", "mass", name)
+        key = ("uncertainty", "mass", name)
         yield from _interval(key, interval)
         body = config.tray if name == "tray" else config.objects.get(name)
         if body is not None:

@@ -20,11 +20,12 @@ from robustopt.config.section import (
     AccelerationError,
     Distance,
     Friction,
-    Interval,
+    Limit,
     Mass,
     NonNegative,
     Pose,
     Positive,
+    Range,
     Real,
     Section,
 )
@@ -42,10 +43,16 @@ BASE_COORDINATES = 6
 class JointLimitOverride(Section):
     """Limits and friction of a joint, in place of the model's."""
 
-    position: Interval | None = Field(default=None, description="lowest and highest joint position [rad or m]")
-    velocity: Positive | None = Field(default=None, description="largest joint speed [rad/s or m/s]")
-    acceleration: Positive | None = Field(default=None, description="largest joint acceleration [rad/s^2 or m/s^2]")
-    torque: Positive | None = Field(default=None, description="largest joint torque or force [N m or N]")
+    position: Range | None = Field(
+        default=None, description="lowest and highest joint position; `-.inf` and `.inf` for none [rad or m]"
+    )
+    velocity: Limit | None = Field(default=None, description="largest joint speed; `.inf` for no limit [rad/s or m/s]")
+    acceleration: Limit | None = Field(
+        default=None, description="largest joint acceleration; `.inf` for no limit [rad/s^2 or m/s^2]"
+    )
+    torque: Limit | None = Field(
+        default=None, description="largest joint torque or force; `.inf` for no limit [N m or N]"
+    )
     dry_friction: NonNegative | None = Field(default=None, description="Coulomb friction of the joint [N m or N]")
     viscous_friction: NonNegative | None = Field(
         default=None, description="viscous friction of the joint [N m s/rad or N s/m]"

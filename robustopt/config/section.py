@@ -5,12 +5,22 @@ Lengths, masses and friction are bounded generously, so that no later computatio
 
 from __future__ import annotations
 
+from math import isnan
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+
+
+def _a_number(value: float) -> float:
+    if isnan(value):
+        raise ValueError("not a number")
+    return value
+
 
 Real = FiniteFloat
 Positive = Annotated[FiniteFloat, Field(gt=0)]
+Limit = Annotated[float, Field(gt=0, allow_inf_nan=True)]
+"""A limit; infinity (`.inf` in YAML) means none. The bound excludes not-a-number."""
 NonNegative = Annotated[FiniteFloat, Field(ge=0)]
 Length = Annotated[FiniteFloat, Field(ge=1e-6, le=100)]
 Coordinate = Annotated[FiniteFloat, Field(ge=-1000, le=1000)]
@@ -27,6 +37,9 @@ Vector4 = tuple[Real, Real, Real, Real]
 Vector6 = tuple[Real, Real, Real, Real, Real, Real]
 Acceleration3 = tuple[Acceleration, Acceleration, Acceleration]
 Interval = tuple[Real, Real]
+End = Annotated[float, Field(allow_inf_nan=True), AfterValidator(_a_number)]
+Range = tuple[End, End]
+"""A range whose ends may be infinite."""
 
 
 class Section(BaseModel):

@@ -95,7 +95,9 @@ def _noun(annotation: Any, constraints: Sequence[Any]) -> tuple[str, str]:
     if base is bool:
         return "true or false", ""
     if base in (int, float):
-        return "whole number" if base is int else "number", _bounds((*notes, *constraints))
+        endless = any(getattr(note, "allow_inf_nan", False) for note in notes)
+        noun = "whole number" if base is int else "number"
+        return noun, _bounds((*notes, *constraints)) + (" or .inf" if endless else "")
     if isinstance(base, type) and issubclass(base, Section):
         return "section", f" with the keys {', '.join(fields(base))}"
     return "text", ""

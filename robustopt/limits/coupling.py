@@ -90,7 +90,7 @@ def largest_weight(usual, q):
     return 1.0 + abs(usual[q]) if q % 6 > 2 else max(abs(usual[q]), abs(1.0 - usual[q]))
 
 
-@compiled_inner(forceinline=True)
+@compiled_inner()
 def set_moments(y, first, usual, m, is_round, weights):
     """Set weights[6 m : 6 m + 6] to the second moments at which `support` has its value, less the usual ones."""
     rx, ry, rz = _shares(y, first)
@@ -190,7 +190,7 @@ def _find_row(family, b, f, i, work):
 
 @compiled_inner()
 def _choose_errors(wrench, here):
-    """Choose the errors to enumerate, bound the effect of the others in `rest`, and return the number of chosen ones."""
+    """Choose the errors to enumerate, bound the effect of the others in `rest`, and return how many are chosen."""
     G, (_, _, K, E) = len(wrench.lowest), wrench.products.shape
     for e in range(E):
         here.chosen[e] = e
@@ -213,7 +213,7 @@ def _choose_errors(wrench, here):
     return MOST_ERRORS
 
 
-@compiled_inner(forceinline=True)
+@compiled_inner()
 def add_product_bounds(wrench, here, e, out):
     """Add to out (G,) how much the terms and second moments of each group can grow by error e alone."""
     n, products = len(wrench.group), here.products
@@ -244,7 +244,7 @@ def _step(here, e, change, K):
         here.rest[g] += change * here.own[g, e]
 
 
-@compiled_inner(forceinline=True)
+@compiled_inner()
 def _value(wrench, here, n):
     """Return the value of the row at the current error, and set those of its groups."""
     values, terms = here.values, here.terms
@@ -262,7 +262,7 @@ def _value(wrench, here, n):
 @compiled_inner()
 def _set_worst(wrench, here, n, work):
     """Set signs, weights and fixed of a `RowWork` to those at the current error."""
-    terms, products, own = here.terms, here.products, here.own
+    terms, products = here.terms, here.products
     for g in range(len(work.fixed)):
         work.fixed[g] = here.rest[g] - here.central[g]
     for k in range(n):

@@ -15,8 +15,8 @@ import numpy as np
 from robustopt.arrays import Array, Indices
 from robustopt.compiled import compiled, compiled_inner
 from robustopt.limits.clipping import MAX_VERTICES, clip, empty_draft, largest_value, read, size_along, write
-from robustopt.limits.row_bounds import block_bounds, next_above, row_blocks, row_bounds
 from robustopt.limits.coupling import is_coupled, largest_weight
+from robustopt.limits.row_bounds import block_bounds, next_above, row_blocks, row_bounds
 from robustopt.limits.row_values import (
     active_piece,
     add_sizes,
@@ -34,9 +34,9 @@ ROUNDING = 1e-14
 """Part of the largest terms of a row in a polygon by which its value at a vertex may be off; this matters only
 far from any plan."""
 
-DEPTH = 2e-4
-"""Part of its terms by which a piece cuts too deep if terms depend on the acceleration error. Such a row has a piece for
-every corner of the box of the errors; they are nearly parallel, so with this margin few of them are needed."""
+DEPTH = 2e-5
+"""Part of the limit by which a piece cuts too deep if terms depend on the acceleration error. Such a row has a piece
+for every corner of the box of the errors; they are nearly parallel, so with this margin few of them are needed."""
 
 MOST_LOOKS = 20 * MAX_VERTICES
 """Vertices of one polygon that are looked at, at most."""
@@ -99,7 +99,7 @@ def _try_rows(family, i, tried, count, work, draft, n, sizes):
         wrenches_at(family.wrench.nominal, i, u, x, work.central)
         piece = _piece(family, f, i, u, x, work)
         if _exceeds(largest_value(draft.vertices, n, piece[0], piece[1], piece[2]), piece, sizes):
-            n = _clipped(draft, n, piece, f, u, x, family.wrench)
+            n = _clipped(draft, n, piece, f, family.wrench)
             if n < 3 or n > MAX_VERTICES - 2:
                 break
     return n
@@ -124,7 +124,7 @@ def _cut_at_vertices(family, i, blocks, work, draft, n, sizes):
         if f >= 0:
             piece = _piece(family, f, i, u, x, work)
             if _exceeds(violation, piece, sizes):
-                n = _clipped(draft, n, piece, f, u, x, family.wrench)
+                n = _clipped(draft, n, piece, f, family.wrench)
                 if n < 3 or n > MAX_VERTICES - 2:
                     return n
                 first = 0
@@ -215,7 +215,7 @@ def _worst_row(family, i, u, x, work, blocks):
     return worst, violation
 
 
-@compiled_inner(forceinline=True)
+@compiled_inner()
 def _piece(family, f, i, u, x, work):
     """Return the piece (a, slope, c) of row f that is active at grid point i and (u, x)."""
     b = i if family.B.shape[0] > 1 else 0
@@ -232,12 +232,9 @@ def _exceeds(violation, piece, sizes):
 
 
 @compiled_inner(forceinline=True)
-def _clipped(draft, n, piece, f, u, x, wrench):
-    """Clip a draft with the piece of row f that is active at (u, x); return the number of its vertices."""
-    a, slope, c = piece
-    if is_coupled(wrench):
-        c += DEPTH * (abs(a * u) + abs(slope * x) + abs(c))
-    return clip(draft, n, a, slope, c, ROW - f)
+def _clipped(draft, n, piece, f, wrench):
+    """Clip a draft with the piece of row f; return the number of its vertices."""
+    return clip(draft, n, piece[0], piece[1], piece[2] + (DEPTH if is_coupled(wrench) else 0.0), ROW - f)
 
 
 @compiled_inner()

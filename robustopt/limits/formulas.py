@@ -101,7 +101,7 @@ def _worst_at(
 
 def _shares(y: Array) -> Array:
     """Return the coefficients r_a of the second moments (..., m, 3) for their values y (..., 6 m)."""
-    six = y.reshape(*y.shape[:-1], -1, 6)
+    six = y.reshape(*y.shape[:-1], y.shape[-1] // 6, 6)
     xy, xz, yz = np.moveaxis(0.5 * np.abs(six[..., 3:]), -1, 0)
     return six[..., :3] + np.stack([xy + xz, xy + yz, xz + yz], axis=-1)
 
@@ -110,13 +110,13 @@ def _support(y: Array, loads: RequiredWrench) -> Array:
     """Return the largest sum (..., m) of values y (..., 6 m) times the second moments less the usual ones."""
     shares = np.maximum(_shares(y), 0.0)
     plane = np.where(loads.round, shares[..., :2].max(axis=-1), shares[..., :2].sum(axis=-1))
-    usual = (y * loads.usual).reshape(*y.shape[:-1], -1, 6).sum(axis=-1)
+    usual = (y * loads.usual).reshape(*y.shape[:-1], y.shape[-1] // 6, 6).sum(axis=-1)
     return np.asarray(plane + shares[..., 2] - usual)
 
 
 def _worst_moments(y: Array, loads: RequiredWrench) -> Array:
     """Return the second moments less the usual ones (..., 6 m) at which `_support` has its value."""
-    six, shares = y.reshape(*y.shape[:-1], -1, 6), _shares(y)
+    six, shares = y.reshape(*y.shape[:-1], y.shape[-1] // 6, 6), _shares(y)
     squares = np.where(shares > 0.0, 1.0, 0.0)
     both = loads.round & (squares[..., 0] > 0.0) & (squares[..., 1] > 0.0)
     first = shares[..., 0] >= shares[..., 1]

@@ -114,13 +114,15 @@ class _Total:
         constant += [term[:, :, None] for term in self._intervals]
         groups = np.r_[np.repeat(np.arange(len(self._groups)), len(self._erring)), np.zeros(len(self._intervals), int)]
         bodies = [(body, group) for body, group, _, _ in self._varying if len(body.moments)]
-        terms = [(forces[: len(body.linear)], shakes[: len(body.linear)]) for body, _, forces, shakes in self._varying]
-        moments = [(forces[len(body.linear) :], shakes[len(body.linear) :]) for body, _, forces, shakes in self._varying]
+        counts = [len(body.linear) for body, _, _, _ in self._varying]
+        parts = [(forces, shakes) for _, _, forces, shakes in self._varying]
+        terms = [(forces[:n], shakes[:n]) for n, (forces, shakes) in zip(counts, parts, strict=True)]
+        moments = [(forces[n:], shakes[n:]) for n, (forces, shakes) in zip(counts, parts, strict=True)]
         changes = [np.swapaxes(shakes * radius, 2, 3) for _, shakes in terms + moments]
         return RequiredWrench(
             nominal=np.ascontiguousarray(np.stack(self._groups, axis=2)),
             terms=self._stacked([forces for forces, _ in terms], 3),
-            group=np.repeat([g for _, g, _, _ in self._varying], [len(own) for own, _ in terms]).astype(np.int64),
+            group=np.repeat([g for _, g, _, _ in self._varying], counts).astype(np.int64),
             moments=self._stacked([forces for forces, _ in moments], 3),
             moment_group=np.array([g for _, g in bodies], dtype=np.int64),
             usual=np.concatenate([np.zeros(0), *(body.usual for body, _ in bodies)]),

@@ -35,8 +35,10 @@ Array = np.ndarray
 ROOM = 16
 """Initial room for the vertices of a polygon, which grows if needed; waiter tasks need fewer."""
 
-EDGE_LENGTH = 1e-9
-"""Edges of a feasible polygon shorter than this fraction of its size are rounding errors, not rows."""
+EDGE_LENGTH, EDGE_CHANGE = 1e-9, 1e-10
+"""Edges of a feasible polygon shorter than this fraction of its size are rounding errors, not rows, if the terms of
+their row also change by less than this fraction of the limit. The first would not do alone: where few limits bind the
+polygon is large, and an edge near the plan is short beside it."""
 
 NO_NAME = -1
 """Number of the name of the edges x >= 0 and of the bounds of the initial polygon."""
@@ -264,7 +266,7 @@ def edge_rows(polygons: Polygons, joints: int, names: int) -> tuple[Array, Array
     Returns:
         Rows (P, m, 3), and the number of the name of each column (m,).
     """
-    slots, width = _edge_slots(polygons.vertices, polygons.names, polygons.sizes, joints, names)
+    slots, width = _edge_slots(polygons.vertices, polygons.rows, polygons.names, polygons.sizes, joints, names)
     first = np.cumsum(width) - width
     rows = np.zeros((len(polygons.sizes), width.sum(), 3))
     rows[:, :, 2] = -1.0
@@ -273,7 +275,7 @@ def edge_rows(polygons: Polygons, joints: int, names: int) -> tuple[Array, Array
 
 
 @compiled()
-def _edge_slots(vertices, edge_names, count, joints, names):
+def _edge_slots(vertices, rows, edge_names, count, joints, names):
     """Return the number of each edge among the edges of its name, and the number of edges per name.
 
     Edges that are no rows have number -1, (P, V). The second array is the largest number of edges at one grid point for
@@ -294,6 +296,7 @@ def _edge_slots(vertices, edge_names, count, joints, names):
             du = abs(vertices[i, after, 0] - vertices[i, k, 0])
             dx = abs(vertices[i, after, 1] - vertices[i, k, 1])
             short = du <= EDGE_LENGTH * width_u and dx <= EDGE_LENGTH * width_x
+            short &= abs(rows[i, k, 0]) * du + abs(rows[i, k, 1]) * dx <= EDGE_CHANGE
             if name < joints or (short and (width_u > 0.0 or width_x > 0.0)):  # of a single point all edges are rows
                 continue
             slots[i, k] = used[name]

@@ -22,14 +22,11 @@ from robustopt.limits.limit import Limit, LimitFactory
 from robustopt.limits.motion import PathMotion
 from robustopt.limits.names import LimitKind, LimitName
 from robustopt.limits.polygons import Polygons, cut_affine, edge_rows, start
-from robustopt.limits.torque import TorqueLimit
+from robustopt.limits.torque import TorqueLimit, torque_scale
 from robustopt.limits.track import Track, build_track
 from robustopt.limits.uncertainty import Uncertainty, uncertainty_of
 from robustopt.path import Path, build_path
 from robustopt.robot import Robot, load_robot
-
-WITHOUT_LIMIT = 1e3
-"""Without joint acceleration limits a problem still bounds |u|, by this multiple of the usual bound."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,10 +90,8 @@ class Limits:
         used = counts[n + joint]
         if used.all():
             return track.joint_polygons(error)
-        bound = WITHOUT_LIMIT * track.outline(error).vertices[:, 1, 0]
-        return cut_affine(
-            start(bound, track.x_max, track.fastest), track.acceleration(error)[:, used], (n + joint)[used]
-        )
+        outline = start(track.u_max, track.x_max, track.fastest)
+        return cut_affine(outline, track.acceleration(error)[:, used], (n + joint)[used])
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,7 +218,7 @@ class TimeScalingProblem:
             u: sdd at each grid point (P,).
             x: sd^2 at each grid point (P,).
         """
-        return self.limits.torque.torques(u, x) * self.robot.limits.torque
+        return self.limits.torque.torques(u, x) * torque_scale(self.robot.limits.torque)
 
 
 def build_problem(

@@ -128,6 +128,8 @@ def _always(points: int, count: int) -> Array:
 class TorqueLimit:
     """The limits of the joint torques. Rows are divided by their limits; those of +tau come first, then those of -tau.
 
+    Rows of joints without a limit hold their torques (see `torque_scale`) and count for nothing.
+
     Attributes:
         names: names of the limits (n,).
         B: rows over the required wrench (P, 2n, d); 0 for torques that depend on how contacts share it.
@@ -270,8 +272,17 @@ class TorqueLimit:
             points: grid point of each (M,).
         """
         n = self.B.shape[1] // 2
-        values = self.sides(u, x, points)
+        values = np.where(self.limited, self.sides(u, x, points), -1.0)
         return np.maximum(values[:, :n], values[:, n:])
+
+
+def torque_scale(limit: Array) -> Array:
+    """Return the torques by which rows are divided: the limits, and 1 N m or 1 N for joints without one.
+
+    Args:
+        limit: largest torque of each joint (n,) [N m or N].
+    """
+    return np.where(np.isfinite(limit), limit, 1.0)
 
 
 def payload_torque(
@@ -289,7 +300,8 @@ def payload_torque(
         x_top: largest x that the joint velocities allow (P,).
     """
     (points, joints), (middle, radius) = motion.q1.shape, error
-    arm, limit = motion.dynamics, np.r_[limits.torque, limits.torque]
+    scale = torque_scale(limits.torque)
+    arm, limit = motion.dynamics, np.r_[scale, scale]
     sign = np.r_[np.ones(joints), -np.ones(joints)]
     B = _both(np.swapaxes(motion.carrier.jacobian, 1, 2)) * (sign / limit)[:, None]
     moving = np.abs(motion.q1) > DIRECTION_TOLERANCE * np.abs(motion.q1).max(axis=1, keepdims=True)
@@ -305,7 +317,8 @@ def payload_torque(
     terms = own_inertia_terms(motion, limits, loads, radius)
     none, known = np.full(points, np.nan), np.ones((points, joints), dtype=bool)
     sharing = Sharing(loads, known, (), np.zeros(points, dtype=np.intp), arm, limits.torque, {})
-    return TorqueLimit(names, B, loads, base, terms, viscous, np.ones(2 * joints, dtype=bool), x_top, none, sharing)
+    limited = np.isfinite(np.tile(limits.torque, 2))
+    return TorqueLimit(names, B, loads, base, terms, viscous, limited, x_top, none, sharing)
 
 
 def _both(array: Array) -> Array:
@@ -324,7 +337,8 @@ def own_inertia_terms(motion: PathMotion, limits: JointLimits, loads: RequiredWr
     """
     erring, n = np.flatnonzero(radius), motion.q1.shape[1]
     terms = np.zeros((len(motion.q1), 2 * n, len(loads.constant_group)))
-    terms[:, :n, : len(erring)] = motion.dynamics.mass_matrix[:, :, erring] * radius[erring] / limits.torque[:, None]
+    terms[:, :n, : len(erring)] = motion.dynamics.mass_matrix[:, :, erring] * radius[erring]
+    terms[:, :n] /= torque_scale(limits.torque)[:, None]
     terms[:, n:] = -terms[:, :n]
     return terms
 

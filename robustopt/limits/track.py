@@ -31,8 +31,13 @@ from robustopt.robot import JointLimits, Robot
 Value = TypeVar("Value")
 
 LEAST_RATE = 1e-3
-"""If q' vanishes at a grid point, sd and sdd are bounded as if q' had this fraction of its largest value, far beyond
-the values that other grid points and the curvature q'' allow."""
+"""If q' vanishes at a grid point, sd is bounded as if the fastest joint had this fraction of its largest rate, far
+beyond the values that other grid points and the curvature q'' allow."""
+
+MOST_SPEED = 1e3
+"""Speed of a joint [rad/s or m/s] beyond which a velocity limit counts as none, far above that of any robot. Polygons
+start from this bound instead of an arbitrarily large one, in which all other limits would be lost in rounding errors.
+A plan never reaches it: `solve` refuses a problem whose speed nothing bounds."""
 
 MOST_KEPT = 16
 """Number of results of each kind that a track keeps: enough for problems that differ only in friction."""
@@ -77,6 +82,13 @@ class Track:
         """Return the names of the velocity limits that bound x, (P,)."""
         names = self.names(LimitKind.VELOCITY)
         return tuple(names[k] for k in self.fastest)
+
+    @cached_property
+    def u_max(self) -> Array:
+        """Return the largest |u| with which x stays within its bounds on the intervals beside a grid point, (P,)."""
+        ds = np.diff(self.s)
+        rise = np.divide(np.maximum(self.x_max[:-1], self.x_max[1:]), 2.0 * ds, out=np.zeros_like(ds), where=ds > 0)
+        return np.maximum(np.r_[rise, 0.0], np.r_[0.0, rise])
 
     def loads(
         self, carried: Sequence[Sequence[Body]], about: Sequence[Array], error: AccelerationError
@@ -195,9 +207,16 @@ def _acceleration_rows(motion: PathMotion, limits: JointLimits, middle: Array, r
 
 def _velocity_bound(q1: Array, velocity: Array) -> tuple[Array, Indices]:
     """Return the largest x that the joint velocities allow (P,), and the joint that bounds it (P,)."""
-    ratio = np.abs(q1) / velocity
-    fastest = np.argmax(ratio, axis=1)
-    return 1.0 / _without_zeros(ratio.max(axis=1)) ** 2, fastest
+    ratio = np.abs(q1) / np.minimum(velocity, MOST_SPEED)
+    rate, still = ratio.max(axis=1), _still(q1)
+    rate[still] = np.maximum(rate[still], LEAST_RATE * rate[~still].min())
+    return 1.0 / rate**2, np.argmax(ratio, axis=1)
+
+
+def _still(q1: Array) -> Flags:
+    """Return whether all joints turn round together at a grid point, (P,)."""
+    largest = np.abs(q1).max(axis=1)
+    return np.asarray(largest < LEAST_RATE * largest.max())
 
 
 def _outline(track: Track, middle: Array) -> Polygons:
@@ -207,10 +226,6 @@ def _outline(track: Track, middle: Array) -> Polygons:
     lead = np.argmax(rate, axis=1)
     row = np.arange(len(x_max))
     bend = np.abs(motion.q2[row, lead]) / limit[lead] * x_max
-    reach = (1.0 + (np.abs(middle) / limit)[lead] + bend) / _without_zeros(rate[row, lead])
-    return start(2.0 * reach, x_max, track.fastest)
-
-
-def _without_zeros(rates: Array) -> Array:
-    """Return rates of the fastest joint along the path (P,), bounded from below where joints turn round together."""
-    return np.maximum(rates, LEAST_RATE * rates.max())
+    with np.errstate(divide="ignore"):
+        reach = (1.0 + (np.abs(middle) / limit)[lead] + bend) / rate[row, lead]
+    return start(np.minimum(2.0 * reach, track.u_max), x_max, track.fastest)

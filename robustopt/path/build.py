@@ -20,6 +20,7 @@ from robustopt.path.joint_waypoints import joint_waypoints
 from robustopt.path.path import Path
 from robustopt.path.pose_path import PosePath, pose_path
 from robustopt.path.reach import WAYS_OUT, branch_problems, limit_sentence, start_position
+from robustopt.path.upright import require_upright
 from robustopt.path.walking_path import walking_path
 from robustopt.robot import Robot
 
@@ -36,8 +37,14 @@ def build_path(config: Config, robot: Robot) -> Path:
 
     Raises:
         PathError: a pose or foothold is out of reach, a joint leaves its range, the solution of the inverse kinematics
-            jumps, or bodies collide.
+            jumps, bodies collide, or an object stands on a face that does not point up.
     """
+    path = _path(config, robot)
+    require_upright(config, robot, path)
+    return path
+
+
+def _path(config: Config, robot: Robot) -> Path:
     if config.path.steps is not None:
         return walking_path(config, robot)
     if config.path.joints is not None:

@@ -1,8 +1,10 @@
 """Collisions of the robot, the tray and the objects along a path, found by MuJoCo.
 
-The tray and the objects are bodies fixed to the tool, at rest in their configured places. Three kinds of pairs are not
-checked: bodies that cannot move relative to each other, neighbours in the chain of links, and links whose coarse shapes
-overlap in every posture.
+The tray and the objects are bodies fixed to the tool, at rest in their configured places. They are checked against all
+other bodies: once against those that are fixed to the tool too, along the path against the rest. The tray may overlap
+the body that it is mounted on, and a held part may be pressed a little into what holds it. Three kinds of pairs of
+links are not checked: links that cannot move relative to each other, neighbours in the chain, and links whose coarse
+shapes overlap in every posture.
 """
 
 from __future__ import annotations
@@ -19,11 +21,13 @@ from robustopt.path.inverse_kinematics import spread
 from robustopt.robot import Robot
 from robustopt.robot.model_file import USUAL
 from robustopt.robot.preparation import CARRIER_SITE
-from robustopt.scene.placement import placements
+from robustopt.scene.placement import TRAY, placements
 from robustopt.scene.rail import rail_box
 
 TOUCH = 1e-4
 """Overlap that counts as touching [m]: rounding and the tolerance of the path, well below any collision of interest."""
+PRESSED = 0.005
+"""Depth to which a held part may overlap the bodies that hold it [m]: lips and pads yield (our choice)."""
 POSTURES = 32
 """Postures in which two links must overlap, in all of them, to count as overlapping by construction."""
 PREFIX = "robustopt_"
@@ -56,7 +60,8 @@ class CollisionCheck:
         overlapping: pairs of links that overlap by construction and are not checked.
 
     Raises:
-        RobotError: `robot.collision.exclude` names a body that does not exist.
+        RobotError: `robot.collision.exclude` names a body that does not exist, or the tray or an object overlaps a body
+            that is fixed to the tool.
     """
 
     def __init__(self, config: Config, robot: Robot) -> None:
@@ -64,6 +69,8 @@ class CollisionCheck:
         self._data = mujoco.MjData(self._model)
         self._names = [_shown(self._model.body(i).name) for i in range(self._model.nbody)]
         self._ignored = _adjacent(self._model) | self._excluded(config)
+        if robot.has_carrier:
+            self._require_apart_from_the_tool(config)
         overlapping = self._always_overlapping(spread(robot, POSTURES))
         self.overlapping = tuple(sorted(self._name(pair) for pair in overlapping))
         self._ignored |= overlapping
@@ -80,6 +87,46 @@ class CollisionCheck:
                 pair = max(overlaps, key=lambda pair: overlaps[pair])
                 return Collision(index, self._name(pair), overlaps[pair])
         return None
+
+    def _require_apart_from_the_tool(self, config: Config) -> None:
+        """Check the tray and the objects against the bodies that are fixed to the tool, in whatever posture."""
+        problems = []
+        for (link, load), depth in self._fixed_overlaps(config).items():
+            first, second = self._name((link, load))
+            tray = config.tray is not None
+            remedy = "tray.pose" if tray else f"objects.{second}"
+            problems.append(
+                ConfigProblem(
+                    remedy if tray or second in config.objects else "robot.tool",
+                    f"{first} and {second}, which move together, overlap, {1000 * depth:.1f} mm deep; change "
+                    f"{remedy}{f' or objects.{second}' if tray and second in config.objects else ''}, or, if they may "
+                    f"touch, add [{first}, {second}] to robot.collision.exclude",
+                )
+            )
+        if problems:
+            raise RobotError(problems)
+
+    def _fixed_overlaps(self, config: Config) -> dict[tuple[int, int], float]:
+        """Return the overlap of each load with each body that is fixed to the tool, deepest geoms [m]."""
+        model, data = self._model, self._data
+        mujoco.mj_kinematics(model, data)
+        carrier = next(i for i in range(model.nbody) if self._is_load(i))
+        fixed = np.flatnonzero(model.body_weldid[model.geom_bodyid] == model.body_weldid[carrier])
+        colliding = (model.geom_contype[fixed] | model.geom_conaffinity[fixed]) != 0
+        mount, overlaps = _mount(model, carrier), dict[tuple[int, int], float]()
+        bodies = [(int(geom), int(model.geom_bodyid[geom])) for geom in fixed[colliding]]
+        for other, link in bodies:
+            for geom, load in bodies:
+                pair = (min(link, load), max(link, load))
+                mounted = link == mount and self._names[load] == TRAY and config.tray is not None
+                if self._is_load(link) or not self._is_load(load) or pair in self._ignored or mounted:
+                    continue
+                name = self._names[load]
+                held = name in config.objects and config.objects[name].held_by is not None
+                depth = -mujoco.mj_geomDistance(model, data, geom, other, TOUCH, None)
+                if depth > (PRESSED if held else TOUCH):
+                    overlaps[link, load] = max(depth, overlaps.get((link, load), 0.0))
+        return overlaps
 
     def _overlaps(self, q: Array) -> dict[tuple[int, int], float]:
         """Return the overlap of each pair of bodies that collide at `q` (n,), deepest contact [m]."""
@@ -173,6 +220,14 @@ def _adjacent(model: mujoco.MjModel) -> set[tuple[int, int]]:
         for other in links
         if one < other and carrier[other] == model.body_weldid[one] and _carries(model, one, other)
     }
+
+
+def _mount(model: mujoco.MjModel, carrier: int) -> int:
+    """Return the body that the tray is mounted on: the tool, or the next body before it that has a shape."""
+    body = int(model.body_parentid[carrier])
+    while not model.body_geomnum[body] and model.body_weldid[body] == model.body_weldid[carrier] and body:
+        body = int(model.body_parentid[body])
+    return body
 
 
 def _carries(model: mujoco.MjModel, body: int, child: int) -> bool:

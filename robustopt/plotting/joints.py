@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from robustopt.arrays import Array, Flags, Indices
+from robustopt.limits.torque import torque_scale
 from robustopt.plotting.style import BLUE, INK, VERMILLION, joint_unit
 from robustopt.solvers.contact_forces import planned_forces
 from robustopt.solvers.plan import Plan
@@ -129,7 +130,8 @@ def _torque(plan: Plan, points: Indices, u: Array, x: Array) -> Quantity:
         u_there, x_there = np.zeros(len(plan.s)), np.zeros(len(plan.s))
         u_there[points[end::2]], x_there[points[end::2]] = u[end::2], x[end::2]
         value[end::2] = plan.problem.torques(u_there, x_there)[points[end::2]]
-    most, least = np.split((plan.problem.limits.torque.sides(u, x, points) + 1.0) * np.tile(limit, 2), 2, axis=1)
+    scale = np.tile(torque_scale(limit), 2)
+    most, least = np.split((plan.problem.limits.torque.sides(u, x, points) + 1.0) * scale, 2, axis=1)
     return Quantity("torque", value, -limit, limit, -limit + (value + least), limit - (most - value))
 
 

@@ -29,6 +29,8 @@ from robustopt.robot.preparation import RobotModel
 VELOCITY_NUMERIC = "velocity_limit"
 ACCELERATION_NUMERIC = "acceleration_limit"
 REQUIRED_UNITS = {"velocity": "rad/s or m/s", "acceleration": "rad/s^2 or m/s^2", "torque": "N m or N"}
+ROUNDING = 1e-6
+"""Distance from its range at which a joint may be locked [rad or m]: files round the ends of ranges."""
 FRICTIONS = ("dry_friction", "viscous_friction")
 
 
@@ -79,10 +81,12 @@ def joint_limits(config: Config, robot: RobotModel, names: tuple[str, ...]) -> J
         names: names of the joints.
 
     Raises:
-        RobotError: limits are missing, or `robot.limits` names joints that do not exist; the error lists all of them.
+        RobotError: limits are missing, `robot.limits` names joints that do not exist, or a joint is locked outside its
+            range; the error lists all of them.
     """
     limits = _file_limits(robot)
     _override(config, robot, limits)
+    _require_locked_within(config, robot, limits)
     chosen = [joint_names(robot.original).index(name) for name in names]
     limits = {kind: values[chosen] for kind, values in limits.items()}
     _require(config, robot, names, limits)
@@ -119,6 +123,10 @@ def _numeric(robot: RobotModel, numeric: str, urdf: Mapping[str, float]) -> Arra
             f"{len(names)} joints {', '.join(names)}",
             key="robot.model",
         )
+    wrong = data[~(data >= 0)]
+    if len(wrong):
+        complaint = f"found {wrong[0]:g}; expected limits above 0, or inf for none"
+        raise RobotError(f"{robot.file}: numeric {numeric}: {complaint}", key="robot.model")
     return np.where(data > 0, data, np.nan)
 
 
@@ -178,6 +186,19 @@ def _override(config: Config, robot: RobotModel, limits: dict[str, Array]) -> No
             value = getattr(override, kind)
             if value is not None:
                 limits[kind][joints] = value
+
+
+def _require_locked_within(config: Config, robot: RobotModel, limits: dict[str, Array]) -> None:
+    """Check that joints are locked at positions within their ranges."""
+    problems = []
+    for name, value in config.robot.locked.items():
+        k = joint_names(robot.original).index(name)
+        low, high = limits["lower"][k], limits["upper"][k]
+        if not low - ROUNDING <= value <= high + ROUNDING:
+            found = f"found {value:g}; expected a position in the range of the joint, {low:g} to {high:g}"
+            problems.append(ConfigProblem(f"robot.locked.{name}", found))
+    if problems:
+        raise RobotError(problems)
 
 
 def _require(config: Config, robot: RobotModel, names: tuple[str, ...], limits: dict[str, Array]) -> None:

@@ -21,6 +21,7 @@ import numpy as np
 from robustopt.config import Config
 from robustopt.errors import RobotError
 from robustopt.models import MODELS
+from robustopt.robot.model_check import check_model
 from robustopt.robot.urdf import UrdfLimits, is_urdf, read_urdf
 
 USUAL = mujoco.MjSpec()
@@ -139,7 +140,7 @@ def read_model(file: Path) -> tuple[mujoco.MjSpec, UrdfLimits, tuple[str, ...]]:
         The specification, the URDF limits that MuJoCo does not keep, and notes on content that was left out.
 
     Raises:
-        RobotError: MuJoCo cannot read the file.
+        RobotError: MuJoCo cannot read the file, or its joints and links have numbers that are impossible.
     """
     limits = UrdfLimits()
     notes: tuple[str, ...] = ()
@@ -155,6 +156,7 @@ def read_model(file: Path) -> tuple[mujoco.MjSpec, UrdfLimits, tuple[str, ...]]:
     spec.option.disableflags = spec.option.enableflags = 0
     spec.option.density = spec.option.viscosity = 0.0
     _name_all(spec)
+    check_model(spec, str(file))
     _keep_masses(spec, file)
     return spec, limits, notes
 

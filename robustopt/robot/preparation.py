@@ -26,6 +26,7 @@ from robustopt.robot.floating_base import (
 )
 from robustopt.robot.hands import Hand, shares, tool_frames
 from robustopt.robot.locking import lock_joints
+from robustopt.robot.model_check import require_room
 from robustopt.robot.model_file import USUAL, compile_spec, model_file, read_model
 from robustopt.robot.soles import Sole, environment_contacts
 from robustopt.robot.urdf import UrdfLimits
@@ -74,6 +75,9 @@ def load_model(config: Config) -> RobotModel:
     """
     file = model_file(config)
     spec, limits, notes = read_model(file)
+    placed = [name for name, given in config.robot.limits.items() if given.position is not None]
+    if "all" not in placed:
+        require_room(spec, limits.position, {*config.robot.locked, *placed}, str(file))
     original = compile_spec(spec, file)
     base = base_coordinates(original, file.name)
     _require_matching_path(config, original, base, file.name)

@@ -7,6 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from robustopt.robot.urdf_check import check_urdf, written_ranges
+
 XACRO = "; expected the URDF that `xacro` makes of it"
 
 MESH_FORMATS = frozenset({".stl", ".obj", ".msh"})
@@ -19,10 +21,12 @@ class UrdfLimits:
     Attributes:
         velocity: largest speed [rad/s or m/s].
         effort: largest torque or force [N m or N].
+        position: lowest and highest position, as written [rad or m].
     """
 
     velocity: Mapping[str, float] = field(default_factory=dict)
     effort: Mapping[str, float] = field(default_factory=dict)
+    position: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 def is_urdf(file: Path) -> bool:
@@ -46,6 +50,7 @@ def read_urdf(file: Path, resolve_package: Callable[[str], Path | None]) -> tupl
 
     Raises:
         ValueError: the file is not well-formed XML, or it is a xacro file.
+        RobotError: names or numbers of its joints and links are wrong.
     """
     text = file.read_text(encoding="utf-8")
     try:
@@ -54,6 +59,7 @@ def read_urdf(file: Path, resolve_package: Callable[[str], Path | None]) -> tupl
         raise ValueError(f"not well-formed XML: {error}{XACRO if 'xacro:' in text else ''}") from error
     if any("${" in value or "$(" in value for item in root.iter() for value in item.attrib.values()):
         raise ValueError(f"found variables of xacro{XACRO}")
+    check_urdf(root, str(file))
     without: list[tuple[str, str]] = []
     for link in root.iter("link"):
         for visual in link.findall("visual"):
@@ -112,4 +118,4 @@ def _limits(root: ET.Element) -> UrdfLimits:
             value = float(limit.get(attribute, "0"))
             if value > 0:
                 target[name] = value
-    return UrdfLimits(velocity, effort)
+    return UrdfLimits(velocity, effort, written_ranges(root))

@@ -16,7 +16,7 @@ import numpy as np
 from robustopt.config import Config
 from robustopt.config.load import with_values
 from robustopt.errors import ConfigError
-from robustopt.limits import LimitKind, TimeScalingProblem, build_rows
+from robustopt.limits import LimitKind, LimitName, TimeScalingProblem, build_rows
 from robustopt.robot import load_robot
 from robustopt.solvers import Plan, Status, solve, standstill
 from robustopt.solvers.remedies import Candidate, candidates
@@ -110,7 +110,11 @@ def diagnose(plan: Plan) -> Diagnosis:
 
 
 def _solvable(problem: TimeScalingProblem) -> bool:
-    return solve(replace(problem, config=_for_time(problem.config)), "reachability").status is not Status.INFEASIBLE
+    try:
+        plan = solve(replace(problem, config=_for_time(problem.config)), "reachability")
+    except ConfigError:  # nothing bounds the speed
+        return True
+    return plan.status is not Status.INFEASIBLE
 
 
 def _for_time(config: Config) -> Config:
@@ -120,8 +124,13 @@ def _for_time(config: Config) -> Config:
 
 def _conflicts(problem: TimeScalingProblem) -> Iterator[tuple[str, ...]]:
     """Yield sets of limits without a common solution; no two of them share a limit."""
-    unlimited = np.array(problem.robot.joint_names)[np.isinf(problem.robot.limits.torque)]
-    idle = {f"{joint} {kind}" for joint in unlimited for kind in ("acceleration", "torque")}
+    limits = problem.robot.limits
+    idle = {
+        LimitName(kind, joint)
+        for kind, largest in ((LimitKind.ACCELERATION, limits.acceleration), (LimitKind.TORQUE, limits.torque))
+        for joint, limit in zip(problem.robot.joint_names, largest, strict=True)
+        if np.isinf(limit)
+    }
     names = [name for name in problem.limits.names if name.kind != LimitKind.VELOCITY and name not in idle]
     while names and not _solvable(problem.only(names)):
         conflict = _irreducible(problem, names)

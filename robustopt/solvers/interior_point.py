@@ -25,6 +25,9 @@ CENTRED = 1e-2
 START = 0.98
 """Factor on x of the feasible timing at the start: a slower timing of the same path has slack in every row."""
 
+LEAST_START = 1e-9
+"""Smallest x at the start, as a fraction of the largest x of the feasible timing."""
+
 RELAXED = 2e-9
 """Relaxation of rows, as a fraction of their limits: twice the tolerance of `reachability.passes`."""
 
@@ -181,11 +184,12 @@ def polish(a, b, c, x_max, ds, feasible):
     G1, G2, h, at = _rows(a, b, c, x_max, ds)
     n = len(at)
     free = x_max > 0.0
-    x = np.where(free, np.maximum(START * feasible, 1e-9 * x_max), 0.0)
+    least = LEAST_START * feasible.max()
+    x = np.where(free, np.maximum(START * feasible, least), 0.0)
     slack, trial = np.empty(n), np.empty(n)
     if _slacks(G1, G2, h, at, x, slack) <= 0.0:
         h -= RELAXED
-        x[:] = np.where(free, np.maximum(feasible, 1e-9 * x_max), 0.0)
+        x[:] = np.where(free, np.maximum(feasible, least), 0.0)
         if _slacks(G1, G2, h, at, x, slack) <= 0.0:
             return feasible, np.inf
     gradient, diagonal, off = np.zeros(P), np.zeros(P), np.zeros(P)

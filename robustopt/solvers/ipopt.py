@@ -157,10 +157,11 @@ def _objective(problem: TimeScalingProblem, x: ca.MX, root: ca.MX, cost: str) ->
     if cost == "time" or weight == 0.0:
         return ca.sum1(dt)
     u = (x[second] - x[first]) / (2 * ds)
-    penalty = ca.MX(0)
+    penalty, torque = ca.MX(0), problem.limits.torque
     for points in (moving, moving + 1):
         for j in range(problem.robot.n):
-            penalty += 0.5 * _relative(problem, cost, points, j, u, x[points.tolist()], root[points.tolist()]) ** 2
+            if cost == "smoothness" or torque.limited[j]:
+                penalty += 0.5 * _relative(problem, cost, points, j, u, x[points.tolist()], root[points.tolist()]) ** 2
     return ca.sum1(dt * (1 + weight * penalty))
 
 

@@ -15,9 +15,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from robustopt.arrays import Array
+from robustopt.errors import ConfigError
 from robustopt.limits import TimeScalingProblem
 from robustopt.limits.names import LimitKind
-from robustopt.solvers.plan import Plan, Status, binding_rows, failed_plan, interval_ends
+from robustopt.limits.track import MOST_SPEED
+from robustopt.solvers.plan import ACTIVE_TOLERANCE, Plan, Status, binding_rows, failed_plan, interval_ends
 from robustopt.solvers.reachability import solve_reachability
 
 if TYPE_CHECKING:  # HiGHS is loaded only when a program is needed
@@ -53,6 +55,9 @@ def solve(problem: TimeScalingProblem, method: str | None = None) -> Plan:
 
     Returns:
         The plan. If there is none, its status and message say why, and its arrays are empty.
+
+    Raises:
+        ConfigError: nothing bounds the speed.
     """
     began = time.perf_counter()
     method = method or problem.config.solver.method
@@ -65,6 +70,8 @@ def solve(problem: TimeScalingProblem, method: str | None = None) -> Plan:
     plan = _repeated(_outer(problem, method, None), method, figures)
     if plan.status is Status.INFEASIBLE and (at_rest := standstill(plan.problem)) >= 0:
         plan = replace(plan, stuck=at_rest)
+    if plan.status is Status.SOLVED:
+        _require_bounded(plan)
     figures["solve_seconds"] = time.perf_counter() - began
     return replace(plan, statistics={**plan.statistics, **figures})
 
@@ -78,6 +85,22 @@ def _refused(problem: TimeScalingProblem, method: str) -> Plan | None:
     if at_rest >= 0:
         return failed_plan(problem, Status.INFEASIBLE, method, Status.INFEASIBLE.sentence, at_rest, {})
     return None
+
+
+def _require_bounded(plan: Plan) -> None:
+    """Check that limits keep the joints without a velocity limit below `MOST_SPEED`."""
+    track, x_max = plan.problem.limits.track, plan.problem.x_max
+    unlimited = track.robot.limits.velocity[track.fastest] >= MOST_SPEED
+    reached = np.flatnonzero(unlimited & (x_max > 0) & (plan.x >= (1 - ACTIVE_TOLERANCE) * x_max))
+    if not len(reached):
+        return
+    k = int(reached[np.argmin(np.abs(reached - len(x_max) // 2))])
+    joint, s = track.robot.joint_names[track.fastest[k]], float(plan.s[k])
+    raise ConfigError(
+        f"nothing bounds the speed of {joint} at s = {s:.4g} ({track.path.label(s)}): it would reach {MOST_SPEED:g} "
+        f"rad/s or m/s; give robot.limits.{joint} a velocity, acceleration or torque",
+        key="robot.limits",
+    )
 
 
 def _repeated(plan: Plan, method: str, figures: dict[str, float]) -> Plan:
