@@ -1,9 +1,9 @@
 """Search for the worst parameters of a timing, without any bound of the planner.
 
-Masses, centres of mass and joint acceleration errors enter the wrenches exactly, squares and products included; each
-contact point is displaced by itself, and the friction cone of every displaced patch is built anew. The result is a
-lower bound of the worst case, so the fastest timing that satisfies all cases ever found bounds the duration of the
-best robust plan from below.
+Masses, centres of mass, inertias and joint acceleration errors enter the wrenches exactly, squares and products
+included, and all bodies share one acceleration error; each contact point is displaced by itself, and the friction cone
+of every displaced patch is built anew. The result is a lower bound of the worst case, so the fastest timing that
+satisfies all cases ever found bounds the duration of the best robust plan from below.
 """
 
 from __future__ import annotations
@@ -13,20 +13,17 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
+from worst_bodies import Box, box_of
 
-from robustopt.arrays import Array, Flags
+from robustopt.arrays import Array, Indices
 from robustopt.config import Config
-from robustopt.config.load import with_values
 from robustopt.geometry import convex_hull, rotation
 from robustopt.limits import TimeScalingProblem
-from robustopt.limits.bodies import INERTIA_TERMS
 from robustopt.limits.cones import about_point, patch_facets
 from robustopt.limits.formulas import evaluate
 from robustopt.limits.names import LimitKind, LimitName
 from robustopt.limits.polygons import Family, facet_family
-from robustopt.limits.uncertainty import acceleration_error, bodies
 from robustopt.scene.patches import Patch, patches
-from robustopt.scene.placement import placements
 from robustopt.solvers import Plan, Status
 from robustopt.solvers.plan import interval_ends
 from robustopt.solvers.reachability import solve_reachability
@@ -43,6 +40,9 @@ NOTHING = np.zeros((0, 0, 3))
 WORST_ROWS = 6
 """Number of rows that are searched at each end of an interval: the ones with the largest bounds."""
 
+FAR = -0.01
+"""Bound below which a row is not searched, as a fraction of the limit."""
+
 CHUNK = 16
 """Ends of intervals whose bounds are evaluated at once, to save memory."""
 
@@ -57,79 +57,13 @@ ROUNDS, CLIMBS = 40, 8
 
 
 @dataclass(frozen=True)
-class Box:
-    """The uncertain parameters in units of their intervals, z in [-1, 1], and the inertial parameters for them.
-
-    Attributes:
-        names: Bodies.
-        masses: Lowest and highest mass, shape (n, 2), [kg].
-        arms: Centres of mass, carrier frame, shape (n, 3), [m].
-        central: Inertia about them per mass, shape (n, 3, 3), [m^2].
-        reaches: Full displacements of the centre of mass along the axes of each body, as columns, shape (n, 3, 3), [m].
-        middle: Middle of the acceleration error of each joint, [rad/s^2 or m/s^2].
-        radius: Half-width of it.
-    """
-
-    names: tuple[str, ...]
-    masses: Array
-    arms: Array
-    central: Array
-    reaches: Array
-    middle: Array
-    radius: Array
-
-    @property
-    def size(self) -> int:
-        return 4 * len(self.names) + len(self.radius)
-
-    @property
-    def free(self) -> Flags:
-        """Return whether each parameter has an interval of any width, (size,)."""
-        return np.r_[
-            self.masses[:, 0] < self.masses[:, 1], np.abs(self.reaches).max(axis=1).ravel() > 0, self.radius > 0
-        ]
-
-    def error(self, z: Array) -> Array:
-        return self.middle + z[:, 4 * len(self.names) :] * self.radius
-
-    def inertial(self, z: Array) -> Array:
-        """Return m, m r and I_o of every body for z (M, size), shape (M, n, 10)."""
-        n = len(self.names)
-        mass = self.masses.mean(axis=1) + z[:, :n] * np.diff(self.masses)[:, 0] / 2
-        r = self.arms + np.einsum("nij,mnj->mni", self.reaches, z[:, n : 4 * n].reshape(-1, n, 3))
-        squares = np.einsum("mni,mni->mn", r, r)[:, :, None, None] * np.eye(3)
-        inertia = self.central + squares - r[:, :, :, None] * r[:, :, None, :]
-        terms = np.stack([inertia[:, :, i, j] for i, j in INERTIA_TERMS], axis=2)
-        return mass[:, :, None] * np.concatenate([np.ones_like(r[:, :, :1]), r, terms], axis=2)
-
-
-def box_of(config: Config, joints: int) -> Box:
-    certain = with_values(config, {"uncertainty": {}})
-    placed, uncertain = placements(config), config.uncertainty
-    names, masses, arms, central, reaches = [], [], [], [], []
-    for name, body in bodies(certain).items():
-        arm = body.psi[1:4]
-        about_origin = np.zeros((3, 3))
-        for value, (i, j) in zip(body.psi[4:], INERTIA_TERMS, strict=True):
-            about_origin[i, j] = about_origin[j, i] = value
-        turn = placed[name].rotation if name in placed else np.eye(3)
-        names.append(name)
-        masses.append(uncertain.mass.get(name, body.mass))
-        arms.append(arm)
-        central.append(about_origin - (arm @ arm * np.eye(3) - np.outer(arm, arm)))
-        reaches.append(turn * np.array(uncertain.center_of_mass.get(name, (0.0, 0.0, 0.0))))
-    error = acceleration_error(config, joints, 0)
-    return Box(tuple(names), *map(np.array, (masses, arms, central, reaches)), *error.arrays)
-
-
-@dataclass(frozen=True)
 class Limit:
     """Rows over the required wrench of some bodies about the carrier's origin: of a contact, or of the joint torques.
 
     Attributes:
         facets: Rows as fractions of the limit, (F, 6) for all displaced patches of a contact, (P, F, 6) for torques.
         own: Affine part of each row, (P, F, 3), 0 for a contact.
-        own_error: Share of the acceleration errors z in [-1, 1] in each row, (P, F, n), 0 for a contact.
+        own_error: Share of the acceleration errors in [-1, 1] in each row, (P, F, n), 0 for a contact.
         carried: Whether each body of the box loads it, (n,).
         family: The same rows with the planner's bounds; they only choose the start of the search.
     """
@@ -140,22 +74,20 @@ class Limit:
     carried: Array
     family: Family
 
-    def rows(self, points: Array, row: Array, z: Array) -> tuple[Array, Array]:
-        """Return the row (M, 6) and its own part (M, 3) at each point, for parameters z (M, size)."""
+    def rows(self, points: Array, row: Array, error: Array) -> tuple[Array, Array]:
+        """Return the row (M, 6) and its own part (M, 3) at each point, for errors in [-1, 1] (M, n)."""
         if self.facets.ndim == 2:
             return self.facets[row], np.zeros((len(row), 3))
         own = self.own[points, row].copy()
-        errors = self.own_error[points, row]
-        own[:, 2] += np.einsum("mj,mj->m", errors, z[:, z.shape[1] - errors.shape[1] :])
+        own[:, 2] += np.einsum("mj,mj->m", self.own_error[points, row], error)
         return self.facets[points, row], own
 
-    def values(self, points: Array, wrench: Array, timing: Array, z: Array) -> Array:
+    def values(self, points: Array, wrench: Array, timing: Array, error: Array) -> Array:
         """Return the values of all rows for the wrenches (M, 6) at (u, x, 1) (M, 3), (M, F)."""
         if self.facets.ndim == 2:
             return wrench @ self.facets.T
         own = np.einsum("mfk,mk->mf", self.own[points], timing)
-        errors = self.own_error[points]
-        own += np.einsum("mfj,mj->mf", errors, z[:, z.shape[1] - errors.shape[2] :])
+        own += np.einsum("mfj,mj->mf", self.own_error[points], error)
         return own + np.einsum("mfi,mi->mf", self.facets[points], wrench)
 
 
@@ -206,92 +138,144 @@ def _displaced(patch: Patch, shift: float, rng: np.random.Generator) -> Iterator
         yield patch.polygon + shift * move @ turn.T
 
 
-def coefficients(problem: TimeScalingProblem, box: Box, limit: Limit, points: Array, z: Array) -> Array:
-    """Return the required wrench of the bodies of a limit about the carrier's origin for parameters z (M, size).
+@dataclass(frozen=True)
+class Search:
+    """A limit at M ends of intervals, whose worst parameters are searched.
 
-    Returns:
-        Coefficients of (u, x, 1), shape (M, 6, 3).
+    Attributes:
+        problem: The problem.
+        box: The uncertain parameters.
+        limit: The limit.
+        points: Grid points, shape (M,).
+        timing: (u, x, 1), shape (M, 3).
     """
-    phi = np.einsum("mnj,n->mj", box.inertial(z), limit.carried.astype(float))
-    per_rate = np.einsum("mkij,mj->mik", problem.limits.motion.wrench_map[points], phi)
-    result = per_rate[:, :, :3].copy()
-    result[:, :, 2] += np.einsum("mik,mk->mi", per_rate[:, :, 3:], box.error(z))
-    return result
 
+    problem: TimeScalingProblem
+    box: Box
+    limit: Limit
+    points: Array
+    timing: Array
 
-def worst_draws(
-    problem: TimeScalingProblem,
-    box: Box,
-    limit: Limit,
-    points: Array,
-    u: Array,
-    x: Array,
-    rng: np.random.Generator,
-) -> tuple[Array, Array, Array]:
-    """Return the worst value found at each point, its row and its parameters: (M,), (M,), (M, size).
+    def prices(self, normals: Array) -> Array:
+        """Return the values of rows (M, 6) per u, x, 1 and error, and per inertial parameter, (M, k, 10)."""
+        return np.einsum("mi,mkij->mkj", normals, self.problem.limits.motion.wrench_map[self.points])
 
-    The search goes coordinate by coordinate from random corners. A row is affine in each mass and each error, and
-    quadratic in each centre of mass, so an end of the interval or the vertex of the parabola is best.
-    """
-    M, timing = len(points), np.stack([u, x, np.ones_like(u)], axis=1)
+    def price(self, prices: Array, z: Array) -> Array:
+        """Return the values of rows per inertial parameter for parameters z (M, size), (M, 10)."""
+        return np.einsum("mk,mkj->mj", np.hstack([self.timing, self.box.error(z)]), prices)
 
-    def wrench(z: Array) -> Array:
-        return np.einsum("mik,mk->mi", coefficients(problem, box, limit, points, z), timing)
+    def phi(self, z: Array) -> Array:
+        """Return the inertial parameters of everything that loads the limit, (M, 10)."""
+        return np.einsum("mnj,n->mj", self.box.inertial(z), self.limit.carried.astype(float))
 
-    def value_of(row: Array, z: Array) -> Array:
-        normals, own = limit.rows(points, row, z)
-        return np.einsum("mi,mi->m", normals, wrench(z)) + np.einsum("mk,mk->m", own, timing)
+    def coefficients(self, row: Array, z: Array) -> Array:
+        """Return a row at each point as coefficients of (u, x, 1) for parameters z (M, size), (M, 3)."""
+        normals, own = self.limit.rows(self.points, row, self.box.units(z))
+        per_rate = np.einsum("mkj,mj->mk", self.prices(normals), self.phi(z))
+        result = own + per_rate[:, :3]
+        result[:, 2] += np.einsum("mk,mk->m", per_rate[:, 3:], self.box.error(z))
+        return result
 
-    likely = _likely_rows(limit, points, u, x)
-    best = np.full(M, -np.inf)
-    facet, parameters = np.zeros(M, dtype=np.int64), np.zeros((M, box.size))
-    for trial in range(STARTS * likely.shape[1]):
-        row = likely[:, trial % likely.shape[1]]
-        z = np.where(box.free, rng.choice([-1.0, 1.0], size=(M, box.size)), 0.0)
-        value = np.full(M, -np.inf)
+    def required(self, z: Array) -> Array:
+        """Return the required wrenches about the carrier's origin for parameters z (M, size), (M, 6)."""
+        rates = np.hstack([self.timing, self.box.error(z)])
+        regressor = np.einsum("mk,mkij->mij", rates, self.problem.limits.motion.wrench_map[self.points])
+        return np.einsum("mij,mj->mi", regressor, self.phi(z))
+
+    def values(self, z: Array) -> Array:
+        """Return the values of all rows for parameters z (M, size), (M, F)."""
+        return self.limit.values(self.points, self.required(z), self.timing, self.box.units(z))
+
+    def at(self, ends: Indices) -> Search:
+        """Return the same limit at some of the ends."""
+        return replace(self, points=self.points[ends], timing=self.timing[ends])
+
+    def climb(self, row: Array, z: Array) -> tuple[Array, Array, Array]:
+        """Return the value, row and parameters that are reached from a row and parameters at each end.
+
+        The search goes coordinate by coordinate. A row is affine in each mass and each error. For a centre of mass the
+        ends, the middle and the vertex of the parabola through them are tried, each with its worst inertia.
+        """
+        value, row, z = np.full(len(row), -np.inf), row.copy(), z.copy()
+        climbing = np.arange(len(row))
         for _ in range(CLIMBS):
-            for k in np.flatnonzero(box.free):
-                levels = [value_of(row, _at(z, k, level)) for level in (-1.0, 0.0, 1.0)]
-                z = _at(z, k, _best_level(*levels))
-            values = limit.values(points, wrench(z), timing, z)
-            row, reached = np.argmax(values, axis=1), values.max(axis=1)
-            if (reached <= value + 1e-12).all():
+            if not len(climbing):
                 break
-            value = reached
-        better = value > best
-        best[better], facet[better], parameters[better] = value[better], row[better], z[better]
-    return best, facet, parameters
+            here = self.at(climbing)
+            z[climbing] = here._sweep(row[climbing], z[climbing])
+            values = here.values(z[climbing])
+            row[climbing], reached = np.argmax(values, axis=1), values.max(axis=1)
+            better = reached > value[climbing] + 0.1 * VIOLATION
+            value[climbing] = reached
+            climbing = climbing[better]
+        return value, row, z
+
+    def _sweep(self, row: Array, z: Array) -> Array:
+        """Return z after a step along each free parameter, for a row at each point."""
+        box, n = self.box, len(self.box.names)
+        normals, _ = self.limit.rows(self.points, row, box.units(z))
+        prices = self.prices(normals)
+        z = self._at_worst(z, self.price(prices, z))
+        for k in np.flatnonzero(box.free):
+            price = self.price(prices, z)
+            tried, values = [], []
+            for level in (-1.0, 1.0, 0.0, None) if n <= k < 4 * n else (-1.0, 1.0):
+                changed = z.copy()
+                changed[:, k] = _vertex(*values) if level is None else level
+                tried.append(self._at_worst(changed, price) if n <= k < 4 * n else changed)
+                own = self.limit.rows(self.points, row, box.units(changed))[1]
+                bodies = np.einsum("mj,mj->m", self.price(prices, tried[-1]), self.phi(tried[-1]))
+                values.append(bodies + np.einsum("mk,mk->m", own, self.timing))
+            z = np.array(tried)[np.argmax(values, axis=0), np.arange(len(z))]
+        return z
+
+    def _at_worst(self, z: Array, price: Array) -> Array:
+        return self.box.with_worst_moments(z, price, self.limit.carried)
 
 
-def _likely_rows(limit: Limit, points: Array, u: Array, x: Array) -> Array:
-    """Return the rows with the largest bounds at each point, (M, up to WORST_ROWS).
+def _vertex(low: Array, high: Array, middle: Array) -> Array:
+    """Return the maximiser in [-1, 1] of the parabola with these values at -1, 1 and 0; 0 for one without maximum."""
+    slope, bend = (high - low) / 2, (high + low) / 2 - middle
+    return np.clip(np.where(bend < 0, -slope / (2 * np.where(bend < 0, bend, -1.0)), 0.0), -1.0, 1.0)
+
+
+def worst_draws(search: Search, rng: np.random.Generator) -> tuple[Array, Array, Array, Indices]:
+    """Return the worst values found, their rows, their parameters, and the ends of intervals where they are.
+
+    The search climbs from random corners of the box for each row that is likely to be violated.
+    """
+    box = search.box
+    ends, first = _likely_rows(search)
+    search = search.at(ends)
+    value, row, parameters = np.full(len(ends), -np.inf), first.copy(), box.nominal(len(ends))
+    for _ in range(STARTS):
+        z = box.nominal(len(ends))
+        corner = rng.choice([-1.0, 1.0], size=(len(ends), len(box.free)))
+        z[:, : len(box.free)] = np.where(box.free, corner, 0.0)
+        reached, last, z = search.climb(first, z)
+        better = reached > value
+        value[better], row[better], parameters[better] = reached[better], last[better], z[better]
+    return value, row, parameters, ends
+
+
+def _likely_rows(search: Search) -> tuple[Indices, Indices]:
+    """Return the rows with the largest bounds, up to WORST_ROWS at each end of an interval: the ends and their rows.
 
     Other rows are violated less, if at all.
     """
-    B, loads, base, base_terms, _ = limit.family
-    chosen = []
-    for k in range(0, len(points), CHUNK):
-        part = slice(k, k + CHUNK)
-        here = points[part]
-        rows, own = B[here] if len(B) > 1 else B[0], base[here] if base.size else base
+    B, wrench, base, base_terms, _ = search.limit.family
+    ends, rows = [], []
+    for first in range(0, len(search.points), CHUNK):
+        part = slice(first, first + CHUNK)
+        here, (u, x, _) = search.points[part], search.timing[part].T
+        facets, own = B[here] if len(B) > 1 else B[0], base[here] if base.size else base
         terms = base_terms[here] if base_terms.size else base_terms
-        bounds = evaluate(rows, loads.at(here), own, terms, u[part], x[part])
-        chosen.append(np.argsort(-bounds, axis=1)[:, :WORST_ROWS])
-    return np.concatenate(chosen)
-
-
-def _at(z: Array, k: int, level: Array | float) -> Array:
-    """Return z with one coordinate at a level."""
-    result = z.copy()
-    result[:, k] = level
-    return result
-
-
-def _best_level(lowest: Array, middle: Array, highest: Array) -> Array:
-    """Return the maximiser in [-1, 1] of the parabola through the values at -1, 0 and 1."""
-    slope, bend = (highest - lowest) / 2, (highest + lowest) / 2 - middle
-    vertex = np.clip(-slope / (2 * np.where(bend < 0, bend, -1.0)), -1.0, 1.0)
-    return np.where(bend < 0, vertex, np.where(highest >= lowest, 1.0, -1.0))
+        bounds = evaluate(facets, wrench.at(here), own, terms, u, x)
+        largest = np.argsort(-bounds, axis=1)[:, :WORST_ROWS]
+        end, place = np.nonzero(np.take_along_axis(bounds, largest, axis=1) > FAR)
+        ends.append(first + end)
+        rows.append(largest[end, place])
+    return np.concatenate(ends), np.concatenate(rows)
 
 
 @dataclass(frozen=True)
@@ -342,25 +326,19 @@ Cuts = tuple[Array, Array]
 
 def _standing_rows(problem: TimeScalingProblem, box: Box, limit: Limit) -> Cuts:
     """Return the row at every grid point that standing still nearly violates, at nominal parameters, as a start."""
-    points, still = np.arange(len(problem.s)), np.array([0.0, 0.0, 1.0])
-    middle = np.zeros((len(points), box.size))
-    wrench = coefficients(problem, box, limit, points, middle)[:, :, 2]
-    values = limit.values(points, wrench, np.broadcast_to(still, (len(points), 3)), middle)
-    return points, _rows_of(problem, box, limit, points, np.argmax(values, axis=1), middle)
+    points = np.arange(len(problem.s))
+    search = Search(problem, box, limit, points, np.tile([0.0, 0.0, 1.0], (len(points), 1)))
+    nominal = box.nominal(len(points))
+    return points, search.coefficients(np.argmax(search.values(nominal), axis=1), nominal)
 
 
 def _violated_rows(problem: TimeScalingProblem, box: Box, limit: Limit, plan: Plan, rng: np.random.Generator) -> Cuts:
     """Return the rows that a plan violates for the worst parameters found."""
     u, x, points = interval_ends(problem, plan.x, plan.u)
-    value, facet, z = worst_draws(problem, box, limit, points, u, x, rng)
+    search = Search(problem, box, limit, points, np.stack([u, x, np.ones_like(u)], axis=1))
+    value, row, z, ends = worst_draws(search, rng)
     hit = value > VIOLATION
-    return points[hit], _rows_of(problem, box, limit, points[hit], facet[hit], z[hit])
-
-
-def _rows_of(problem: TimeScalingProblem, box: Box, limit: Limit, points: Array, row: Array, z: Array) -> Array:
-    """Return rows of a limit as coefficients of (u, x, 1) for parameters z (M, size), (M, 3)."""
-    normals, own = limit.rows(points, row, z)
-    return np.einsum("mi,mik->mk", normals, coefficients(problem, box, limit, points, z)) + own
+    return points[ends[hit]], search.at(ends[hit]).coefficients(row[hit], z[hit])
 
 
 def _with_rows(problem: TimeScalingProblem, cuts: list[Cuts]) -> TimeScalingProblem:

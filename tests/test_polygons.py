@@ -413,58 +413,62 @@ def experiment() -> Any:
         ("two_blocks", ("contact_points",), 0.1),
         ("heavy", ("joint_acceleration",), 1e-3),
         ("heavy", ("center_of_mass", "mass"), 0.1),
-        pytest.param("heavy", ("joint_acceleration", "center_of_mass", "mass"), 0.5, marks=pytest.mark.slow),
+        pytest.param("heavy", ("joint_acceleration", "center_of_mass", "mass"), 0.1, marks=pytest.mark.slow),
         pytest.param("side_by_side", ("contact_points",), 0.1, marks=pytest.mark.slow),
         pytest.param("side_by_side", ("center_of_mass",), 0.1, marks=pytest.mark.slow),
         pytest.param("side_by_side", ("joint_acceleration", "mass"), 0.1, marks=pytest.mark.slow),
-        pytest.param("two_blocks", KINDS, 3.0, marks=pytest.mark.slow),
-        pytest.param("side_by_side", KINDS, 3.0, marks=pytest.mark.slow),
+        pytest.param("two_blocks", KINDS, 0.3, marks=pytest.mark.slow),
+        pytest.param("side_by_side", KINDS, 0.3, marks=pytest.mark.slow),
     ],
 )
 def test_bounds_cost_little_more_than_the_worst_parameters_found(
     experiment: Any, task: str, kinds: tuple[str, ...], loss: float
 ) -> None:
-    """Loss of duration in per cent against the fastest timing for all worst cases that a search finds.
-
-    Acceleration error times displacement of a centre of mass is bounded term by term, which costs most.
-    """
+    """Loss of duration in per cent against the fastest timing for all worst cases that a search finds."""
     found = experiment.record(task, kinds, 25)
     assert found["rows"] > 0
-    assert -1e-6 <= found["loss"] <= loss
+    assert found["loss"] <= loss
 
 
-def test_the_search_for_the_worst_parameters_is_as_good_as_enumeration(experiment: Any) -> None:
+def test_the_search_for_the_worst_parameters_is_as_good_as_enumeration(
+    experiment: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Masses and errors of two joints: all corners of the box against the search, at random points of the path."""
     worst = importlib.import_module("worst_parameters")
     problem = robust_problem(SMALL_BOX)
     rng = np.random.default_rng(0)
     box = worst.box_of(problem.config, problem.robot.n)
-    corners = np.array(list(product(*[(-1.0, 1.0) if free else (0.0,) for free in box.free])))
-    assert len(corners) == 32
-    points, u, x = np.array([2, 5, 7]), rng.uniform(-1.0, 1.0, 3), rng.uniform(0.0, 0.2, 3)
+    ends = np.array(list(product(*[(-1.0, 1.0) if free else (0.0,) for free in box.free])))
+    assert len(ends) == 32
+    corners = box.nominal(len(ends))
+    corners[:, : ends.shape[1]] = ends
+    points, timing = np.array([2, 5, 7]), np.ones((3, 3))
+    timing[:, 0], timing[:, 1] = rng.uniform(-1.0, 1.0, 3), rng.uniform(0.0, 0.2, 3)
+    monkeypatch.setattr(worst, "FAR", -np.inf)
     for item in worst.interfaces(problem, box, rng):
-        found, facet, z = worst.worst_draws(problem, box, item, points, u, x, rng)
+        search = worst.Search(problem, box, item, points, timing)
+        value, row, z, where = worst.worst_draws(search, rng)
+        own = search.at(where).coefficients(row, z)
+        np.testing.assert_allclose(np.einsum("mk,mk->m", own, timing[where]), value, rtol=1e-9)
         for k in range(3):
-            at = np.full(len(corners), points[k])
-            rates = worst.coefficients(problem, box, item, at, corners)
-            every = rates @ np.array([u[k], x[k], 1.0]) @ item.facets.T
-            assert found[k] == pytest.approx(every.max(), rel=1e-9)
-            own = worst.coefficients(problem, box, item, points[[k]], z[[k]])[0] @ np.array([u[k], x[k], 1.0])
-            assert item.facets[facet[k]] @ own == pytest.approx(found[k], rel=1e-9)
+            every = search.at(np.full(len(corners), k)).values(corners)
+            assert value[where == k].max() == pytest.approx(every.max(), rel=1e-9)
 
 
 def test_the_wrenches_of_the_search_are_those_of_newton_and_euler(experiment: Any) -> None:
     worst = importlib.import_module("worst_parameters")
-    problem = robust_problem(FULL_BOX)
+    problem = robust_problem(FULL_BOX[:-1] + ", inertia: {upper: [1, 1], lower: [1, 1]}}")
     rng = np.random.default_rng(1)
     box = worst.box_of(problem.config, problem.robot.n)
     for item, names in zip(worst.interfaces(problem, box, rng), (["lower", "upper"], ["upper"]), strict=True):
-        z = np.where(box.free, rng.uniform(-1.0, 1.0, box.size), 0.0)
+        z = box.nominal(1)[0]
+        z[: len(box.free)] = np.where(box.free, rng.uniform(-1.0, 1.0, len(box.free)), 0.0)
         n = len(box.names)
         shift = {name: z[n + 3 * k : n + 3 * k + 3] * [0.004, 0.004, 0.01] for k, name in enumerate(box.names) if k}
         upper = 0.55 + 0.15 * z[box.names.index("upper")]
         draw = mechanics.Draw({"upper": upper / 0.5}, shift, box.error(z[None])[0])
         motion = mechanics.tray_motion(problem, 4, 0.7, 0.1, draw.error)
         expected = mechanics.required_wrench(problem.config, names, draw, motion, np.zeros(3))
-        found = worst.coefficients(problem, box, item, np.array([4]), z[None])[0] @ np.array([0.7, 0.1, 1.0])
+        search = worst.Search(problem, box, item, np.array([4]), np.array([[0.7, 0.1, 1.0]]))
+        found = search.required(z[None])[0]
         np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-5)

@@ -19,7 +19,10 @@ from robustopt.config.scene_check import check_scene, same_scene
 from robustopt.config.step_check import check_steps
 from robustopt.config.words import did_you_mean
 from robustopt.geometry import RESOLUTION
-from robustopt.scene.placement import TRAY, supports
+from robustopt.scene.placement import TRAY, half_extents, supports
+
+OUTSIDE = 1e-9
+"""Distance from a shape below which a centre of mass counts as within it: a rounding error [m]."""
 
 
 def check(config: Config, names: Collection[str] | None = None, like: Config | None = None) -> Iterator[Finding]:
@@ -38,7 +41,7 @@ def check(config: Config, names: Collection[str] | None = None, like: Config | N
         yield from _path(config)
     yield from _solver(config)
     shapes = [finding for name, body in config.objects.items() for finding in _shape(("objects", name), body)]
-    yield from shapes
+    yield from shapes or _realizable(config)
     for name, body in config.objects.items():
         yield from _inertia(("objects", name, "inertia"), body)
     if config.tray is not None:
@@ -225,6 +228,27 @@ def _inertia(key: Key, body: TrayConfig | ObjectConfig) -> Iterator[Finding]:
     elif high > (low + middle) * (1 + 1e-9):
         message = "physically impossible, the largest exceeds the sum of the others; expected at most that sum"
         yield key, f"the principal moments are {principal}: {message}"
+
+
+def _realizable(config: Config) -> Iterator[Finding]:
+    """Yield centres of mass outside the shapes of bodies with any inertia that a mass within the shape can have."""
+    tray = {} if config.tray is None else {TRAY: config.tray}
+    bodies: Mapping[str, TrayConfig | ObjectConfig] = {**tray, **config.objects}
+    for name, body in bodies.items():
+        if config.inertia_of(name) != "realizable":
+            continue
+        reach = config.uncertainty.center_of_mass.get(name)
+        farthest = np.abs(body.center_of_mass) + np.array(reach or (0.0, 0.0, 0.0))
+        half = half_extents(body) if isinstance(body, ObjectConfig) else 0.5 * np.array(body.size)
+        excess = farthest - half
+        if isinstance(body, ObjectConfig) and body.shape == "cylinder":
+            excess[:2] = np.hypot(*farthest[:2]) - half[0]
+        if excess.max() > OUTSIDE:
+            message = (
+                f"the centre of mass can be {excess.max():.3g} m outside of {name}, but no mass within the shape has "
+                f"it there; expected it inside, or `uncertainty.inertia: {{{name}: [1, 1]}}` for the given inertia"
+            )
+            yield ("uncertainty", "inertia" if reach is None else "center_of_mass", name), message
 
 
 def _standing(config: Config, names: Collection[str]) -> Iterator[Finding]:
