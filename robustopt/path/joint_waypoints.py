@@ -10,6 +10,7 @@ import numpy as np
 from robustopt.arrays import Array, Flags
 from robustopt.config import Config
 from robustopt.errors import ConfigProblem, PathError
+from robustopt.files import MOST_BYTES, read_text
 
 KEY = "path.joints"
 MOST_COMPLAINTS = 10
@@ -72,10 +73,11 @@ def _read_csv(config: Config, name: str, joint_names: tuple[str, ...]) -> list[l
     """Read the rows of a CSV file, one waypoint each; a first row with the joint names puts the columns in order."""
     file = config.folder / name
     try:
-        text = file.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise PathError(f"{file}: cannot be read: {error}", key=KEY) from error
-    rows = [[cell.strip() for cell in row] for row in csv.reader(io.StringIO(text)) if any(map(str.strip, row))]
+        lines = csv.reader(io.StringIO(read_text(file, MOST_BYTES)))
+        rows = [[cell.strip() for cell in row] for row in lines if any(map(str.strip, row))]
+    except (OSError, csv.Error) as error:
+        found = getattr(error, "strerror", None) or error
+        raise PathError(f"{file}: cannot be read: {found}", key=KEY) from error
     columns = list(range(len(rows[0]))) if rows else []
     if rows and not _is_number(rows[0][0]):
         header = rows.pop(0)
