@@ -29,7 +29,7 @@ LAYERS = [
     ["config/load"],
     ["config", "config/schema"],
     ["robot/urdf_check", "robot/model_check"],
-    ["robot/urdf"],
+    ["robot/urdf", "robot/model_parts"],
     ["robot/model_file"],
     ["robot/locking", "robot/soles", "robot/hands", "robot/floating_base"],
     ["robot/preparation"],
