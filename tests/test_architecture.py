@@ -69,7 +69,7 @@ LAYERS = [
     ["solvers/contact_forces"],
     ["certificate"],
     ["confidence"],
-    ["simulation/parameters", "simulation/controller", "simulation/disturbance", "simulation/simulation"],
+    ["simulation/parameters", "simulation/cluster", "simulation/controller", "simulation/disturbance", "simulation/simulation"],
     ["simulation/physics", "simulation/outcome"],
     ["simulation/gains"],
     ["simulation/drives", "simulation/feedback"],

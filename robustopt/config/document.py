@@ -29,8 +29,8 @@ Finding = tuple[Key, str]
 MOST_VALUES = 200_000
 """Largest number of values in a document: aliases of aliases can make a small file grow without bound."""
 
-MOST_BYTES = 4_000_000
-"""Largest size of a configuration [bytes]; it takes seconds to read (our choice)."""
+MOST_BYTES = 1_000_000
+"""Largest size of a configuration [bytes]: it takes some 20 s to read. Long lists of waypoints go into a CSV file."""
 
 _TAG = "tag:yaml.org,2002:"
 

@@ -28,6 +28,7 @@ from robustopt.config.section import (
     Range,
     Real,
     Section,
+    Seed,
 )
 
 FEET = ("left_foot", "right_foot")
@@ -148,7 +149,7 @@ class SolverConfig(Section):
         "minimises time only (reachability)",
     )
     collocation_points: int = Field(
-        default=200, ge=10, le=100_000, description="number N of grid intervals along the path"
+        default=200, ge=10, le=20_000, description="number N of grid intervals along the path"
     )
     cost: Literal["time", "effort", "smoothness"] = Field(
         default="time",
@@ -161,7 +162,9 @@ class SolverConfig(Section):
 class OutputConfig(Section):
     """Files that a run writes."""
 
-    period: Positive = Field(default=0.004, description="period at which the exported trajectory is sampled [s]")
+    period: Positive = Field(
+        default=0.004, ge=1e-5, le=1e6, description="period at which the exported trajectory is sampled [s]"
+    )
 
 
 def _empty_mapping(data: Any) -> Any:
@@ -198,7 +201,7 @@ class Config(Section):
     gravity: Acceleration3 = Field(
         default=(0.0, 0.0, -9.81), description="acceleration due to gravity, in the world frame [m/s^2]"
     )
-    seed: int = Field(default=0, ge=0, description="seed of all random numbers of the run")
+    seed: Seed = Field(default=0, description="seed of all random numbers of the run")
     folder: Path = Field(
         default=Path("."), exclude=True, description="folder that relative file names in the configuration refer to"
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from itertools import islice
 
 import numpy as np
 
@@ -15,6 +16,10 @@ from robustopt.files import MOST_BYTES, read_text
 KEY = "path.joints"
 MOST_COMPLAINTS = 10
 """Most repeated waypoints that one error lists: a log of a robot at rest has thousands."""
+MOST_WAYPOINTS = 50_000
+"""Largest number of waypoints; a log of a minute at 1 kHz should be thinned (our choice)."""
+FARTHEST = 1e4
+"""Largest position of a waypoint [rad or m]: the path between waypoints is checked every 2 cm (our choice)."""
 SAME_POSITION = 1e-9
 """Joint positions nearer than this are repeated [rad or m]."""
 SAME_PART = 1e-6
@@ -47,9 +52,16 @@ def joint_waypoints(config: Config, joint_names: tuple[str, ...]) -> Array:
     ]
     if problems:
         raise PathError(problems)
+    if len(rows) > MOST_WAYPOINTS:
+        raise PathError(f"found more than {MOST_WAYPOINTS:,} waypoints; expected fewer", key=KEY)
     if len(rows) < 2:
         raise PathError(f"a path needs at least two waypoints; there is {len(rows) or 'none'}", key=KEY)
     waypoints = np.array(rows)
+    far = np.flatnonzero(np.abs(waypoints).max(axis=1) > FARTHEST)
+    if len(far):
+        value = waypoints[far[0]][np.abs(waypoints[far[0]]).argmax()]
+        message = f"found {value:g}; expected joint positions of at most {FARTHEST:g} rad or m in size"
+        raise PathError(message, key=f"{KEY}[{far[0]}]")
     repeated = np.flatnonzero(_repeats(waypoints))
     if len(repeated):
         listed = repeated[:MOST_COMPLAINTS].tolist()
@@ -74,7 +86,8 @@ def _read_csv(config: Config, name: str, joint_names: tuple[str, ...]) -> list[l
     file = config.folder / name
     try:
         lines = csv.reader(io.StringIO(read_text(file, MOST_BYTES)))
-        rows = [[cell.strip() for cell in row] for row in lines if any(map(str.strip, row))]
+        filled = ([cell.strip() for cell in row] for row in lines if any(map(str.strip, row)))
+        rows = list(islice(filled, MOST_WAYPOINTS + 2))  # the first may be a header
     except (OSError, csv.Error) as error:
         found = getattr(error, "strerror", None) or error
         raise PathError(f"{file}: cannot be read: {found}", key=KEY) from error
