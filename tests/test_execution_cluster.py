@@ -14,8 +14,8 @@ from scenes import FIXTURES, FLAT, scene
 from robustopt import cli
 from robustopt.cli import commands
 from robustopt.config.load import dump
-from robustopt.runs.store import read_summary
 from robustopt.errors import SimulationFailed
+from robustopt.runs.store import read_summary
 from robustopt.simulation import cluster as cluster_module
 from robustopt.simulation import monte_carlo
 from robustopt.simulation.cluster import on_cluster

@@ -26,7 +26,7 @@ from robustopt.cli.commands import (
     make_plan,
     print_dry_run,
 )
-from robustopt.cli.terminal import Output, fail, print_json, show, show_runs
+from robustopt.cli.terminal import Output, fail, print_json, show, show_runs, show_warnings_as_notes
 from robustopt.errors import ConfigError, RobustOptError
 from robustopt.interruption import INTERRUPTED, STOPS, Kept, interruptions, listen, on_interrupt
 from robustopt.processes import end_processes
@@ -333,6 +333,9 @@ def _told(error: Exception, json: bool) -> int:
         found = error.filename or "the output of the command cannot be written"
         in_words = f"{found}: {error.strerror or error}"
         return fail("OSError", in_words, 2, json=False)  # standard output may have failed itself
+    if isinstance(error, MemoryError):
+        found = f"the memory is not enough: {error}".rstrip(": ")
+        return fail("MemoryError", f"{found}; expected a smaller task, or fewer workers", 2, json)
     message = getattr(error, "format_message", None)
     if message is None:
         raise error
@@ -349,6 +352,7 @@ def main() -> None:
 
     Linear algebra uses one thread: the matrices are small, and sums then do not depend on the load of the machine.
     """
+    _open_closed_streams()
     ending = _Ending()
     atexit.register(ending.end_at_once)  # before all others, so that it is called after them
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -356,6 +360,7 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
+    show_warnings_as_notes(quiet=not {"-q", "--quiet"}.isdisjoint(sys.argv))
     try:
         ending.code = run(sys.argv[1:])
     except KeyboardInterrupt:  # once more, while the first one was being reported
@@ -364,6 +369,13 @@ def main() -> None:
     with suppress(Exception):
         end_processes()
     sys.exit(ending.code)
+
+
+def _open_closed_streams() -> None:
+    """Let a standard stream that was closed lead nowhere: the next file that is opened would take its place."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115
 
 
 def _stop_listening() -> None:

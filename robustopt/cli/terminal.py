@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
@@ -115,6 +116,17 @@ def ask(question: str) -> str:
 def say(text: str) -> None:
     """Print a message to a person who answers questions."""
     print(text, file=sys.stderr, flush=True)
+
+
+def show_warnings_as_notes(quiet: bool) -> None:
+    """Print the warnings of libraries from now on as notes, a line each; if the output is quiet, not at all."""
+
+    def show(message: Warning | str, *_: object, **__: object) -> None:
+        if not quiet:
+            with suppress(OSError):
+                print(f"note: {' '.join(str(message).split())}", file=sys.stderr, flush=True)
+
+    warnings.showwarning = show
 
 
 def show_runs(records: Sequence[Listed], folder: Path) -> None:

@@ -21,7 +21,6 @@ from robustopt.config.words import did_you_mean
 from robustopt.geometry import RESOLUTION
 from robustopt.scene.placement import TRAY, supports
 
-
 MOST_POSES, MOST_STEPS = 1000, 200
 """Largest numbers of poses and of steps of a path: with more, it takes minutes to build (our choice)."""
 

@@ -279,7 +279,8 @@ class _Reader:
         except ReaderError as error:
             line = text[: error.position].count("\n") + 1
             source = f"{self.source}:{line}" if self.lines else self.source
-            self._add((), "not YAML: found a control character; expected printable text", source)
+            found = "a byte that is not UTF-8" if _is_raw_byte(error.character) else "a control character"
+            self._add((), f"not YAML: found {found}; expected printable text", source)
         except yaml.MarkedYAMLError as error:
             self._add((), f"not YAML: {error.problem}; {_remedy(error)}", self._at(error.problem_mark))
         except RecursionError:
@@ -341,6 +342,11 @@ class _Reader:
 
     def _at(self, mark: Any) -> str:
         return f"{self.source}:{mark.line + 1}" if self.lines and mark is not None else self.source
+
+
+def _is_raw_byte(character: int | bytes) -> bool:
+    """Return whether a character stands for a byte of the command line that is no text, as Python passes them on."""
+    return isinstance(character, int) and 0xDC80 <= character <= 0xDCFF
 
 
 def _refused(problem: str, mark: Any, remedy: str) -> yaml.MarkedYAMLError:

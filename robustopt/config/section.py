@@ -23,13 +23,13 @@ def _a_number(value: float) -> float:
 
 def _moderate(value: float) -> float:
     if abs(value) > LARGEST:
-        raise PydanticCustomError("size", f"a number of at most {LARGEST:g} in size")  # type: ignore[arg-type]
+        raise PydanticCustomError("size", f"a number of at most {LARGEST:g} in size")
     return value
 
 
 def _not_tiny(value: float) -> float:
     if value < SMALLEST:
-        raise PydanticCustomError("size", f"a number of at least {SMALLEST:g}")  # type: ignore[arg-type]
+        raise PydanticCustomError("size", f"a number of at least {SMALLEST:g}")
     return value
 
 

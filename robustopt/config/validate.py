@@ -146,7 +146,9 @@ def _deepest(kinds: list[tuple[str, Key, Any]]) -> list[tuple[str, Key, Any]]:
     return [
         (kind, place, loc)
         for kind, place, loc in kinds
-        if _names_a_key(kind, loc) or kind.startswith(_SIZE) or not any(p != place and p[: len(place)] == place for p in places)
+        if _names_a_key(kind, loc)
+        or kind.startswith(_SIZE)
+        or not any(p != place and p[: len(place)] == place for p in places)
     ]
 
 

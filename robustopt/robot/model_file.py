@@ -10,6 +10,8 @@ import hashlib
 import os
 import site
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
 
@@ -88,7 +90,8 @@ def model_file(config: Config) -> Path:
     if Path(name).suffix.lower() in {".xml", ".mjcf", ".urdf"}:
         raise RobotError(f"there is no file {file}; the shipped robots are: {shipped}", key="robot.model")
     raise RobotError(
-        f"unknown robot {shortened(repr(name))}; give a shipped robot ({shipped}) or an MJCF or URDF file", key="robot.model"
+        f"unknown robot {shortened(repr(name))}; give a shipped robot ({shipped}) or an MJCF or URDF file",
+        key="robot.model",
     )
 
 
@@ -123,19 +126,17 @@ def read_model(file: Path) -> tuple[mujoco.MjSpec, UrdfLimits, tuple[str, ...]]:
         The specification, the URDF limits that MuJoCo does not keep, and notes on content that was left out.
 
     Raises:
-        RobotError: MuJoCo cannot read the file or one that it names, or its joints and links have numbers that are impossible.
+        RobotError: MuJoCo cannot read the file or one that it names, or its joints and links have impossible numbers.
     """
     limits = UrdfLimits()
     notes: tuple[str, ...] = ()
     parts_of(file, resolve_package)
-    try:
+    with _refused(f"{file}: not a model that MuJoCo can read"):
         if is_urdf(file):
             text, limits, notes = read_urdf(file, resolve_package)
             spec = mujoco.MjSpec.from_string(text)
         else:
             spec = mujoco.MjSpec.from_file(str(file))
-    except (ValueError, OSError) as error:
-        raise RobotError(f"{file}: not a model that MuJoCo can read: {_one_line(error)}", key="robot.model") from error
     spec.compiler.fusestatic = spec.compiler.alignfree = False
     spec.option.disableflags = spec.option.enableflags = 0
     spec.option.density = spec.option.viscosity = 0.0
@@ -155,10 +156,8 @@ def compile_spec(spec: mujoco.MjSpec, file: Path) -> mujoco.MjModel:
     Raises:
         RobotError: MuJoCo rejects the model; its message is put on one line.
     """
-    try:
+    with _refused(f"{file}: MuJoCo cannot use the model"):
         return spec.compile()
-    except ValueError as error:
-        raise RobotError(f"{file}: MuJoCo cannot use the model: {_one_line(error)}", key="robot.model") from error
 
 
 def joint_names(model: mujoco.MjModel) -> tuple[str, ...]:
@@ -194,5 +193,11 @@ def _keep_masses(spec: mujoco.MjSpec, file: Path) -> None:
         body.ialt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
 
 
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())
+@contextmanager
+def _refused(message: str) -> Iterator[None]:
+    """Turn the errors of MuJoCo and of the XML reader into a RobotError, with their words on one line."""
+    try:
+        yield
+    except (ValueError, OSError, RuntimeError, MemoryError, mujoco.FatalError) as error:
+        words = shortened(" ".join(str(error).split()), 300) or type(error).__name__
+        raise RobotError(f"{message}: {words}", key="robot.model") from error

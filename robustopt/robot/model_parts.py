@@ -1,7 +1,7 @@
 """Files that a model file names, and the sizes that it asks for, checked before MuJoCo reads any of them.
 
-MuJoCo opens every file that is named and makes as many copies as are wanted: a pipe would hang it, a model that attaches
-itself would overflow its stack, and a number with some zeros too many would fill the memory.
+MuJoCo opens every file that is named and makes as many copies as are wanted: a pipe would hang it, a model that
+attaches itself would overflow its stack, and a number with some zeros too many would fill the memory.
 """
 
 from __future__ import annotations
@@ -136,6 +136,8 @@ def _names_in(text: str, file: Path) -> list[tuple[str, bool]]:
             copies = copies[:-1] or [1]
             continue
         given = {key: unescape(double or single) for key, double, single in _ATTRIBUTE.findall(inside)}
+        if element == "model" and not given.get("file"):  # MuJoCo would hang later on
+            raise _error(f"{file}: an element model names no file; expected one")
         names += [(value, element in _PARTS) for key, value in given.items() if _NAMES.fullmatch(key)]
         counts = [count for key in _COUNTS.get(element, ()) for count in _numbers(given.get(key, ""))]
         made = max(counts, default=1) if element == "size" else prod(counts)

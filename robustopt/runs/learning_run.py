@@ -99,8 +99,8 @@ def resumed(folder: Path, config: Config | None) -> Config:
         config: must be that of the run; None for the stored one.
 
     Raises:
-        RunFolderError: the folder is no run of a learner, has links in it, or was begun with another configuration, robot
-            or waypoints.
+        RunFolderError: the folder is no run of a learner, has links in it, or was begun with another configuration,
+            robot or waypoints.
     """
     if not (folder / JOURNAL).is_file():
         raise RunFolderError(f"{folder}: nothing to resume; expected the folder of a run of `robustopt learn`")

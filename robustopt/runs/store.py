@@ -126,7 +126,7 @@ def _read(path: Path, kind: type[R]) -> R:
         found = ": ".join(filter(None, [".".join(map(str, first["loc"])), first["msg"]]))
         remedy = f"it has been changed, or is of another version of robustopt ({found})"
     except OSError as error:
-        remedy = error.strerror
+        remedy = error.strerror or str(error)
     raise RunFolderError(f"{path}: cannot be read: {remedy}; expected the file as it was written") from None
 
 

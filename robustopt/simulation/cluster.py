@@ -49,7 +49,9 @@ def on_cluster(call: Callable[..., T], tasks: Sequence[tuple[Any, ...]], schedul
         with _failures(f"The Dask scheduler {scheduler} has no workers; expected at least one", TimeoutError, OSError):
             client.wait_for_workers(1, timeout=CONNECT)
             ahead = AHEAD * sum(client.nthreads().values())
-        with _failures("The Dask cluster died, or its workers repeatedly", KilledWorker, CancelledError, CommClosedError):
+        with _failures(
+            "The Dask cluster died, or its workers repeatedly", KilledWorker, CancelledError, CommClosedError
+        ):
             yield from in_order(lambda task: client.submit(call, *task, pure=False).result, tasks, ahead)
 
 
