@@ -162,7 +162,7 @@ ATTRIBUTES = {
     "body": {"pos": VECTOR, "euler": VECTOR, "quat": "1 0 0 0|0 0 0 0", "gravcomp": NUMBER, "mocap": "true false"},
     "site": {"pos": VECTOR, "size": NUMBER}, "inertial": {"pos": VECTOR, "mass": NUMBER, "diaginertia": VECTOR},
     "replicate": {"count": "2 1000 100000000", "offset": VECTOR}, "frame": {"pos": VECTOR},
-    "attach": {"model": "a b", "body": "a b", "prefix": "p q"}, 
+    "attach": {"model": "a b", "body": "a b", "prefix": "p q"},
     "composite": {"type": "cable", "count": "3 1 1|1e9 1 1"},
     "mesh": {"file": FILE, "filename": FILE, "scale": VECTOR, "vertex": "0 0 0 1 0 0 0 1 0 0 0 1"},
     "hfield": {"nrow": "2 10 100000", "ncol": "2 10 100000", "size": "1 1 1 1"}, "model": {"file": FILE},

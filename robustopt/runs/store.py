@@ -167,6 +167,8 @@ def _require_free(out: Path) -> Path:
         message = f"{out}: holds an earlier run of robustopt; expected a new folder, or remove that one first"
         raise RunFolderError(message)
     try:
+        with suppress(OSError):
+            out.lstat()  # a ValueError tells that no file can have this name
         final = Path(os.path.realpath(out)) if out.is_symlink() or out.name in ("", "..") else out
         if os.path.isdir(final):
             if any(final.iterdir()):
@@ -179,7 +181,7 @@ def _require_free(out: Path) -> Path:
             raise RunFolderError(f"{out}: is a file; expected a new folder, or an empty one")
     except OSError as error:
         raise _unwritable(out, error) from None
-    except ValueError:  # a null character
+    except ValueError:
         raise RunFolderError(f"{str(out)!r}: no folder can have this name; expected another one") from None
     return final
 
