@@ -21,6 +21,8 @@ from robustopt.models import MODELS
 from robustopt.path import joint_waypoints
 from robustopt.robot import load_robot
 from robustopt.robot.model_file import model_file, model_hash
+from robustopt.runs.journal import Journal
+from robustopt.runs.learning_run import resumed
 from robustopt.runs.store import new_run, read_summary
 from robustopt.simulation.execute import _require_usable
 from robustopt.solvers.trajectory import Trajectory
@@ -201,8 +203,8 @@ def test_names_in_comments_are_not_read(folder):
         (WAITER, "execution.disturbance.hold=1e-300", "found 1e-300; expected a number of at least 1e-12"),
         (WAITER, "output.period=1e-6", "output.period: found 1e-06; expected a number from 1e-05 to"),
         (WAITER, "solver.collocation_points=20001", "found 20001; expected a whole number from 10 to 20000"),
-        (WAITER, f"seed=1{'0' * 300}", "seed: found a whole number of more than 20 digits; expected a whole number below"),
-        (WAITER, f"learning.budget=1{'0' * 300}", "found a whole number of more than 20 digits; expected a whole number"),
+        (WAITER, f"seed=1{'0' * 300}", "seed: found a whole number of more than 20 digits; expected a whole number"),
+        (WAITER, f"learning.budget=1{'0' * 300}", "found a whole number of more than 20 digits; expected a whole"),
         (STEP, f"path.steps=[{'{foot: left, to: [0, 0]}, ' * 201}]", "found 201 steps; expected at most 200"),
         (WAITER, f"path.tray_poses=[{'{position: [0, 0, 0]}, ' * 1001}]", "found 1,001 poses; expected at most 1,000"),
     ],
@@ -228,9 +230,8 @@ def test_a_trial_has_a_bounded_number_of_steps_and_of_forces(key):
 def test_a_file_is_written_whole_or_not_at_all(folder):
     path = folder / "file.txt"
     path.write_text("before")
-    with pytest.raises(RuntimeError), written(path) as beside:
-        beside.write_text("half")
-        raise RuntimeError
+    with pytest.raises(IndexError), written(path) as beside:
+        [][beside.write_text("half")]
     assert path.read_text() == "before"
     write_text(path, "after\n")
     assert path.read_bytes() == b"after\n"
@@ -247,6 +248,15 @@ def test_no_link_is_followed(folder, name):
     else:
         write_text(folder / "file.txt", "mine")
     assert (folder / "victim").read_text() == "keep"
+
+
+@pytest.mark.parametrize(("name", "target"), [("plan.csv", "../victim"), ("figures", "../theirs")])
+def test_a_run_with_links_in_it_is_not_continued(folder, name, target):
+    (folder / "run").mkdir()
+    Journal.create(folder / "run")
+    (folder / "run" / name).symlink_to(target)
+    with pytest.raises(RunFolderError, match=f"run/{name}: is a link; expected the files and folders of the run"):
+        resumed(folder / "run", None)
 
 
 @pytest.mark.parametrize(

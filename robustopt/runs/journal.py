@@ -306,13 +306,15 @@ def _with_checksum(row: tuple[Any, ...]) -> tuple[Any, ...]:
 
 def _checksum(row: tuple[Any, ...]) -> str:
     """Return a checksum of the values of a row as SQLite gives them back."""
-    plain = [_as_stored(value) if isinstance(value, float) else value for value in row]
+    plain = [_as_stored(value) for value in row]
     return hashlib.sha256(repr(plain).encode("utf-8", "surrogatepass")).hexdigest()[:16]
 
 
-def _as_stored(value: float) -> float | None:
-    """Return a number as SQLite stores it: a zero without its sign, and NULL for not-a-number."""
-    return None if isnan(value) else float(value) + 0.0
+def _as_stored(value: Any) -> Any:
+    """Return a value as SQLite stores it: a zero without its sign, NULL for not-a-number, text without its own type."""
+    if isinstance(value, float):
+        return None if isnan(value) else float(value) + 0.0
+    return str(value) if isinstance(value, str) else value
 
 
 def _named(table: str, row: tuple[Any, ...]) -> str:
