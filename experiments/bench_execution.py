@@ -44,7 +44,7 @@ def two_blocks() -> Plan:
 
 def plan_of(name: str, overrides: Sequence[str] = ()) -> Plan:
     """Return the plan of a shipped task."""
-    from robustopt.limits import build_problem
+    from robustopt.solvers import build_problem
 
     return solve(build_problem(load_config(ROOT / "configs" / f"{name}.yaml", overrides)))
 

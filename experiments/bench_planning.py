@@ -29,10 +29,10 @@ from timing import interleaved, machine_facts, spread
 from robustopt.config import Config
 from robustopt.config.load import load_config
 from robustopt.errors import RobustOptError
-from robustopt.limits import TimeScalingProblem, build_rows
+from robustopt.limits import TimeScalingProblem
 from robustopt.path import build_path
 from robustopt.robot import load_robot
-from robustopt.solvers import Plan, Status, solve
+from robustopt.solvers import Plan, Status, build_rows, solve
 from robustopt.solvers.batch import BatchPlanner
 from robustopt.solvers.plan import duration_of
 from robustopt.solvers.reachability import solve_reachability

@@ -14,10 +14,9 @@ from pathlib import Path
 from worst_parameters import tightness
 
 from robustopt.config.load import load_config
-from robustopt.limits import build_rows
 from robustopt.path import build_path
 from robustopt.robot import load_robot
-from robustopt.solvers import Status, solve
+from robustopt.solvers import Status, build_rows, solve
 from robustopt.tables import Column, Table, csv_text, markdown_text
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -15,11 +15,10 @@ from matplotlib.ticker import EngFormatter
 from reproduce import run_alone
 from timing import interleaved, machine_facts
 
-from robustopt.limits import build_rows
 from robustopt.path import build_path
 from robustopt.plotting import style
 from robustopt.robot import load_robot
-from robustopt.solvers import solve
+from robustopt.solvers import build_rows, solve
 from robustopt.tables import Column, Table, write_table
 
 PAPER_FIGURE_3 = {200: 10.0, 2000: 40.0}

@@ -16,10 +16,10 @@ from pathlib import Path
 from learned import Bench
 
 from robustopt.config.load import load_config
-from robustopt.limits import TimeScalingProblem, build_rows
+from robustopt.limits import TimeScalingProblem
 from robustopt.path import build_path
 from robustopt.robot import load_robot
-from robustopt.solvers import Plan, Status, solve
+from robustopt.solvers import Plan, Status, build_rows, solve
 from robustopt.solvers.trajectory import binding_shares
 from robustopt.tables import Column, Table, write_table
 

@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from robustopt.errors import SimulationFailed as SimulationFailed
     from robustopt.errors import SolverFailed as SolverFailed
     from robustopt.limits import TimeScalingProblem as TimeScalingProblem
-    from robustopt.limits import build_problem as build_problem
     from robustopt.runs.campaign import Judgement as Judgement
     from robustopt.runs.campaign import Learned as Learned
     from robustopt.runs.campaign import learn as learn
@@ -50,6 +49,7 @@ if TYPE_CHECKING:
     from robustopt.simulation.execute import execute as execute
     from robustopt.solvers import Plan as Plan
     from robustopt.solvers import Status as Status
+    from robustopt.solvers import build_problem as build_problem
     from robustopt.solvers.batch import BatchPlanner as BatchPlanner
     from robustopt.solvers.batch import solve_batch as solve_batch
     from robustopt.solvers.diagnosis import Diagnosis as Diagnosis
@@ -72,7 +72,7 @@ _NAMES = {
         "ConfigError", "ConfigProblem", "Infeasible", "PathError", "RobotError", "RobustOptError", "RunFolderError",
         "RunInUse", "SimulationFailed", "SolverFailed",
     ),
-    "robustopt.limits": ("TimeScalingProblem", "build_problem"),
+    "robustopt.limits": ("TimeScalingProblem",),
     "robustopt.runs.campaign": ("Judgement", "Learned", "learn"),
     "robustopt.runs.executors": ("Executor",),
     "robustopt.runs.journal": ("Execution", "Journal"),
@@ -80,7 +80,7 @@ _NAMES = {
         "Executions", "Feedback", "ObjectOutcome", "Status as TrialStatus", "TrialOutcome", "Workers",
     ),
     "robustopt.simulation.execute": ("execute",),
-    "robustopt.solvers": ("Plan", "Status"),
+    "robustopt.solvers": ("Plan", "Status", "build_problem"),
     "robustopt.solvers.batch": ("BatchPlanner", "solve_batch"),
     "robustopt.solvers.diagnosis": ("Diagnosis", "Remedy", "diagnose"),
     "robustopt.solvers.solve": ("solve",),

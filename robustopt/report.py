@@ -19,6 +19,7 @@ from robustopt.runs.records import (
     CertificateRecord,
     DiagnosisRecord,
     ExecutionsRecord,
+    GridRecord,
     Iteration,
     LearningRecord,
     RunStatus,
@@ -97,6 +98,7 @@ def sections(data: Summary) -> list[tuple[str, list[Row]]]:
         ("Certificate", certificate_rows(data.certificate) if data.certificate else []),
         ("Why there is no plan", _diagnosis(data.diagnosis) if data.diagnosis else []),
         ("Robot", [Row("note", note) for note in data.notes]),
+        ("Grid", _grid(data.grid) if data.grid else []),
         ("Problem", rows(data.size.model_dump()) if data.size else []),
         ("Solution", rows(data.statistics)),
         ("Time [s]", rows(data.seconds)),
@@ -158,6 +160,17 @@ def certificate_rows(certificate: CertificateRecord) -> list[Row]:
         Row("  when", f"t = {worst.t:.3f} s, s = {worst.s:.4f}, {grid}"),
     ]
     return [*lines, *(Row("  with " + row.name, row.value) for row in rows(worst.parameters) if row.value)]
+
+
+def _grid(grid: GridRecord) -> list[Row]:
+    if grid.error is None or grid.violation is None:
+        return [Row("accuracy", grid.sentence)]
+    loss, beyond = (f"{100 * value if value > ROUNDING else 0.0:.2g} %" for value in (grid.error, grid.violation))
+    lines = [
+        Row("duration", f"{loss} above that of ever finer grids (estimate)"),
+        Row("between grid points", f"limits exceeded by at most {beyond} (estimate)"),
+    ]
+    return lines if grid.enough else [*lines, Row("note", "the search for a finer grid ended at its bound")]
 
 
 def _diagnosis(diagnosis: DiagnosisRecord) -> list[Row]:

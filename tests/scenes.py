@@ -10,8 +10,8 @@ import numpy as np
 from robustopt.config import Config
 from robustopt.config import Config as Model
 from robustopt.config.load import load_config, with_values
-from robustopt.limits import TimeScalingProblem, build_problem
-from robustopt.solvers import Plan, Status, solve
+from robustopt.limits import TimeScalingProblem
+from robustopt.solvers import Plan, Status, build_problem, solve
 
 FIXTURES = Path(__file__).parent / "fixtures"
 CONFIGS = Path(__file__).parents[1] / "configs"

@@ -14,9 +14,8 @@ import robustopt as ro
 from robustopt.config import Config
 from robustopt.config.load import load_config, with_values
 from robustopt.errors import ConfigError, SolverFailed
-from robustopt.limits import build_problem
 from robustopt.processes import end_processes, in_processes
-from robustopt.solvers import Plan, Status, batch, solve
+from robustopt.solvers import Plan, Status, batch, build_problem, solve
 from robustopt.solvers.batch import BatchPlanner, with_setting
 
 CONFIGS = Path(__file__).parents[1] / "configs"

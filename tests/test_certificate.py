@@ -14,7 +14,7 @@ from scipy.optimize import linprog
 
 from robustopt.certificate import LEVELS, Certificate, certify
 from robustopt.certificate.balance import balance
-from robustopt.certificate.bodies import Parameters
+from robustopt.certificate.bodies import Body, Parameters
 from robustopt.certificate.force_closure import GAP
 from robustopt.certificate.joints import KnownTorques, torques
 from robustopt.certificate.loads import body_loads
@@ -22,6 +22,7 @@ from robustopt.certificate.motion import Motion, instants, motion, stances
 from robustopt.certificate.samples import check_samples
 from robustopt.certificate.systems import System
 from robustopt.certificate.tally import Tally
+from robustopt.certificate.task import task_of
 from robustopt.certificate.world import World, build_world
 from robustopt.certificate.worst import Search, Thoroughness
 from robustopt.config import Config
@@ -85,8 +86,8 @@ def there_and_stop(config: Config, acceleration: float, path: Any = None, interv
 def seen(config: Config, plan: Any, between: tuple[float, ...] = ()) -> tuple[World, Motion, Any]:
     """World and motion of a plan, and its instants."""
     at = instants(plan, between)
-    world = build_world(config, plan.problem.robot, plan.problem.path, stances(plan, at))
-    return world, motion(plan, at, world.links)[0], at
+    world = build_world(config, plan.problem.robot, plan.problem.path, stances(plan.problem.path, at))
+    return world, motion(task_of(plan), at, world.links)[0], at
 
 
 def margin(certificate: Certificate, limit: str) -> float:
@@ -366,7 +367,7 @@ def test_load_torque_against_a_model_with_the_load_in_it() -> None:
     plan = timing(config, path, np.array([3.0, -3.0]))
     plan.problem.robot = robot
     world, moving, at = seen(config, plan, (0.3, 0.7))
-    _, joints = motion(plan, at)
+    _, joints = motion(task_of(plan), at)
     error = rng.normal(size=(6, len(at.s))) * at.free
     values = replace(world.nominal.repeated(len(at.s)), error=error)
     own = torques(world, joints, at.free, body_loads(world, moving, values), values).T
@@ -384,7 +385,9 @@ def _with_load(robot: Any, world: World, q: np.ndarray, qd: np.ndarray, qdd: np.
     site = next(site for site in spec.sites if site.name == CARRIER_SITE)
     body = site.parent.add_body(name="load", pos=site.pos, quat=site.quat)
     for k, item in enumerate(world.bodies):
-        inertia = item.mass * item.inertia
+        xx, yy, zz, xy, xz, yz = item.inertia
+        own = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        inertia = item.mass * item.turn @ own @ item.turn.T
         full = [inertia[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
         body.add_body(name=f"load{k}", mass=item.mass, ipos=item.center, fullinertia=full, explicitinertial=True)
     model = spec.compile()
@@ -445,7 +448,7 @@ def test_samples_are_told_where_they_are_worse_than_what_is_known() -> None:
     config, plan = shaken()
     world, moving, at = seen(config, plan)
     tally = Tally(at.grid)
-    known = [KnownTorques(motion(plan, at)[1], plan.problem.robot.limits.torque, np.arange(len(at.s)))]
+    known = [KnownTorques(motion(task_of(plan), at)[1], plan.problem.robot.limits.torque, np.arange(len(at.s)))]
     searches = [Search(world, system, moving, GAP, tally) for system in world.systems]
     check_samples(world, moving, known, searches, world.sample(np.random.default_rng(1), 300, corners=True), 4, tally)
     for search in searches:
@@ -456,6 +459,12 @@ def test_samples_are_told_where_they_are_worse_than_what_is_known() -> None:
         nominal = balance(world, system, moving, world.nominal.repeated(len(at.s)), GAP).value.max()
         assert found.utilisation > 1.1 * nominal
     assert tally.tests >= 300 * len(at.s) * (4 + len(world.systems))
+
+
+def _inertia(body: Body, words: Any) -> np.ndarray:
+    """The inertia per unit of mass that was reported, or the nominal one."""
+    reported = words.get("inertia", {}).get(body.name)
+    return body.inertia if reported is None else np.array(reported) / words["mass"].get(body.name, body.mass)
 
 
 def _again(world: World, moving: Any, system: System, found: Any) -> float:
@@ -469,6 +478,7 @@ def _again(world: World, moving: Any, system: System, found: Any) -> float:
     values = Parameters(
         mass=np.array([words["mass"].get(body.name, body.mass) for body in world.bodies]),
         com=np.array([words["center_of_mass"].get(body.name, (0.0, 0.0, 0.0)) for body in world.bodies]),
+        inertia=np.array([_inertia(body, words) for body in world.bodies]),
         friction=np.where(np.isnan(friction), nominal.friction, friction),
         force=nominal.force,
         shift=shift,
@@ -599,7 +609,7 @@ ALL_KINDS = [
 
 @pytest.fixture(scope="module")
 def robust() -> tuple[Config, Plan]:
-    from robustopt.limits import build_problem
+    from robustopt.solvers import build_problem
     from robustopt.solvers import solve as solve_plan
 
     config = waiter("two_blocks", "solver.method=reachability", "solver.collocation_points=60", *ALL_KINDS)
@@ -632,7 +642,7 @@ def test_utilisation_grows_with_the_square_of_the_speed(robust: tuple[Config, Pl
 
 
 def test_a_plan_for_exact_values_fails_when_they_are_uncertain(robust: tuple[Config, Plan]) -> None:
-    from robustopt.limits import build_problem
+    from robustopt.solvers import build_problem
     from robustopt.solvers import solve as solve_plan
 
     risky = waiter("two_blocks", "solver.method=reachability", "solver.collocation_points=60", "contact.friction=0.4")

@@ -22,10 +22,8 @@ from robustopt.certificate.twist import Hold, lip_pressure, pad_pressure, twist_
 from robustopt.certificate.world import World
 from robustopt.config import Config
 from robustopt.config.load import load_config, with_values
-from robustopt.errors import ConfigError
-from robustopt.limits import build_problem
 from robustopt.limits.names import LimitKind
-from robustopt.solvers import Plan, solve
+from robustopt.solvers import Plan, build_problem, solve
 
 FLAT = 0.002
 """Height of a part whose centre of mass is so near to the cup that it slides before it peels [m]."""
@@ -400,15 +398,6 @@ def test_a_plan_for_more_force_fails_if_there_may_be_less() -> None:
     found = certify(solve(build_problem(config)), config=weaker)
     assert not found.passed
     assert found.worst.parameters["force"] == {"part": 25.0}
-
-
-def test_a_configuration_of_another_task_is_refused() -> None:
-    config = held(BINDING["fixed cup"], joints=WAY)
-    plan = there_and_stop(config, 1.0)
-    for key, value in (("objects.part.size", [0.1, 0.1, 0.05]), ("gravity", [0.0, 0.0, -1.62])):
-        with pytest.raises(ConfigError, match=key.split(".")[0]):
-            certify(plan, config=with_values(config, {key: value}))
-    assert certify(plan, config=with_values(config, {"contact.friction": 0.9})).passed
 
 
 # Hands ----------------------------------------------------------------------------------------------------

@@ -14,11 +14,13 @@ from scenes import G, bang_bang, plan_of, scene, waiter
 from scipy.optimize import linprog
 
 from robustopt.geometry import erode, rectangle, regular_polygon, rotation
-from robustopt.limits import build_problem
 from robustopt.limits.bodies import _skews
 from robustopt.limits.cones import about_point, friction_edges, patch_facets, wrench_generators
 from robustopt.limits.formulas import evaluate
+from robustopt.limits.polygons import evaluate as exact_values
+from robustopt.limits.polygons import facet_family
 from robustopt.limits.systems import ContactSystem, carried, object_systems
+from robustopt.solvers import build_problem
 from robustopt.solvers.force_program import ForceProgram, missing_rows
 from robustopt.solvers.plan import interval_ends
 
@@ -474,11 +476,10 @@ def test_no_facet_is_overlooked_where_another_dual_and_its_worst_parameters_agre
         monkeypatch.setattr("robustopt.limits.cones.MOST_GENERATORS", 0)
     plan = plan_of(config, "ipopt")
     u, x, points = interval_ends(plan.problem, plan.x, plan.u)
-    none, no_terms = np.zeros((0, 0, 3)), np.zeros((0, 0, 0))
     for family in families:
         assert family.system.complete
         rows = family.system.facets / family.weight
-        assert evaluate(rows, family.loads.at(points), none, no_terms, u, x).max() <= 1e-6
+        assert exact_values(facet_family(rows, family.loads, np.arange(len(rows))), points, u, x).max() <= 1e-6
 
 
 def test_like_facets_are_neighbours() -> None:

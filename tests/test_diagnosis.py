@@ -11,8 +11,7 @@ from scenes import FLAT, WAITERS, G, plan_of, scene, waiter
 
 from robustopt.config import Config
 from robustopt.config.load import with_values
-from robustopt.limits import build_problem
-from robustopt.solvers import Status, solve
+from robustopt.solvers import Status, build_problem, solve
 from robustopt.solvers.diagnosis import Diagnosis, Remedy, diagnose
 
 TALL = {"shape": "box", "size": [0.06, 0.2, 0.30], "mass": 1.0}

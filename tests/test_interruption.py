@@ -16,9 +16,9 @@ from robustopt import interruption, processes
 from robustopt.config.load import load_config
 from robustopt.errors import SimulationFailed
 from robustopt.interruption import held
-from robustopt.limits import TimeScalingProblem, build_problem
+from robustopt.limits import TimeScalingProblem
 from robustopt.processes import end_processes, in_processes
-from robustopt.solvers import Plan, solve
+from robustopt.solvers import Plan, build_problem, solve
 
 CONFIGS = Path(__file__).parent.parent / "configs"
 

@@ -12,8 +12,7 @@ from scipy.optimize import linprog
 
 from robustopt.config import Config
 from robustopt.config.load import with_values
-from robustopt.limits import build_problem
-from robustopt.solvers import Plan, Status, solve
+from robustopt.solvers import Plan, Status, build_problem, solve
 from robustopt.solvers.diagnosis import diagnose
 
 FINE = 64

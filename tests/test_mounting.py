@@ -12,10 +12,10 @@ from scenes import FIXTURES
 from robustopt.config import Config
 from robustopt.config.load import load_config, with_values
 from robustopt.errors import ConfigError
-from robustopt.limits import build_problem
 from robustopt.path.build import build_path
 from robustopt.robot import load_robot
 from robustopt.robot.model_file import resolve_package
+from robustopt.solvers import build_problem
 
 MUG = {"shape": "cylinder", "radius": 0.04, "height": 0.1, "mass": 0.3, "on": "tray"}
 TURNED = {"position": [0.0, 0.0, 0.05], "rpy": [np.pi, 0.0, 0.0]}

@@ -17,14 +17,13 @@ from scipy.optimize import linprog
 
 from robustopt.config import AccelerationError
 from robustopt.config.load import load_config
-from robustopt.limits import build_problem
 from robustopt.limits.uncertainty import acceleration_error
 from robustopt.plotting import contacts_figure, house_style, phase_plane, shares_figure, write_figures
 from robustopt.plotting.joints import joint_figures, joint_quantities
 from robustopt.plotting.style import DARK_GREY, LIMIT_COLOURS, OTHER, limit_colours, percent
 from robustopt.plotting.utilisation import contact_utilisation
 from robustopt.plotting.velocity_limit import largest_x, velocity_limits
-from robustopt.solvers import solve
+from robustopt.solvers import build_problem, solve
 from robustopt.solvers.trajectory import NO_LIMIT, Trajectory, binding_shares
 
 

@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import FLAT, WAITERS, G, bang_bang, residual, scene, waiter
 
-from robustopt.limits import TimeScalingProblem, build_problem, build_rows
+from robustopt.limits import TimeScalingProblem
 from robustopt.limits.grid import _apportion, gridpoints
 from robustopt.path import build_path
 from robustopt.robot import load_robot
-from robustopt.solvers import solve
+from robustopt.solvers import build_problem, build_rows, solve
 
 
 @cache

@@ -17,13 +17,13 @@ from robustopt.config import Config
 from robustopt.config.load import load_config, with_values
 from robustopt.errors import ConfigError, PathError, RobotError
 from robustopt.geometry import common_direction, contact_axes
-from robustopt.limits import TimeScalingProblem, build_problem
+from robustopt.limits import TimeScalingProblem
 from robustopt.plotting import figures, house_style, write_execution_figures
 from robustopt.robot.model_file import MODELS
 from robustopt.simulation import Status, execute
 from robustopt.simulation.execute import prepare
 from robustopt.simulation.trace import trace
-from robustopt.solvers import Plan, solve
+from robustopt.solvers import Plan, build_problem, solve
 from robustopt.solvers.batch import BatchPlanner, with_setting
 from robustopt.solvers.contact_forces import planned_forces
 

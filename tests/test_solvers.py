@@ -15,9 +15,9 @@ from scenes import BOX, FLAT, WAITERS, bang_bang, duration, plan_of, residual, s
 
 from robustopt.config import Config
 from robustopt.config.load import with_values
-from robustopt.limits import TimeScalingProblem, build_problem
-from robustopt.limits.formulas import evaluate
-from robustopt.solvers import Plan, Status, solve
+from robustopt.limits import TimeScalingProblem
+from robustopt.limits.polygons import evaluate, facet_family
+from robustopt.solvers import Plan, Status, build_problem, solve
 from robustopt.solvers.plan import duration_of, interval_ends, timing
 from robustopt.solvers.reachability import passes, solve_reachability
 
@@ -85,14 +85,14 @@ def test_the_fastest_plan_is_at_a_limit_and_names_it(name: str, method: str) -> 
 @pytest.mark.parametrize("name", WAITERS)
 def test_contact_holds_on_all_facets_for_the_worst_parameters(name: str) -> None:
     """Ipopt starts without contact rows and asks for them by inner programs: it must end inside all facets."""
-    none, no_terms = np.zeros((0, 0, 3)), np.zeros((0, 0, 0))
     for method in METHODS:
         plan = solved(name, 60, method)
         u, x, points = interval_ends(plan.problem, plan.x, plan.u)
         for family in plan.problem.limits.contacts:
             if family.system.complete:
                 rows = family.system.facets / family.weight
-                assert evaluate(rows, family.loads.at(points), none, no_terms, u, x).max() <= 1e-6
+                values = evaluate(facet_family(rows, family.loads, np.arange(len(rows))), points, u, x)
+                assert values.max() <= 1e-6
 
 
 @pytest.mark.parametrize("name", WAITERS)

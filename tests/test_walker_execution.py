@@ -17,7 +17,6 @@ from robustopt.config.load import load_config, with_values
 from robustopt.errors import ConfigError
 from robustopt.learning.learner import Belief
 from robustopt.learning.moments import ErrorInterval
-from robustopt.limits import build_problem
 from robustopt.path.footsteps import footsteps
 from robustopt.robot import Robot, load_robot
 from robustopt.robot.model_file import MODELS
@@ -36,7 +35,7 @@ from robustopt.simulation.simulation import Workspace
 from robustopt.simulation.trace import trace
 from robustopt.simulation.video import HEIGHT, WIDTH
 from robustopt.simulation.world import World
-from robustopt.solvers import Plan, solve
+from robustopt.solvers import Plan, build_problem, solve
 from robustopt.solvers.contact_forces import planned_forces
 from robustopt.solvers.trajectory import Trajectory
 

@@ -20,13 +20,14 @@ from robustopt.certificate.balance import required_by_base
 from robustopt.certificate.joints import torques
 from robustopt.certificate.loads import body_loads
 from robustopt.certificate.motion import instants, motion, stances
+from robustopt.certificate.task import task_of
 from robustopt.certificate.world import build_world
 from robustopt.cli import run
 from robustopt.config import Config
 from robustopt.config.load import load_config, with_values
 from robustopt.errors import ConfigError, PathError, RobotError
 from robustopt.learning.learner import Belief
-from robustopt.limits import TimeScalingProblem, build_problem
+from robustopt.limits import TimeScalingProblem
 from robustopt.limits.formulas import evaluate
 from robustopt.limits.torque import Sharing
 from robustopt.path.footsteps import footsteps
@@ -34,7 +35,7 @@ from robustopt.plotting import figures, house_style
 from robustopt.robot.model_file import MODELS
 from robustopt.runs.beliefs import Planner
 from robustopt.runs.beliefs import believing as believing_config
-from robustopt.solvers import Plan, Status, solve
+from robustopt.solvers import Plan, Status, build_problem, solve
 from robustopt.solvers.batch import BatchPlanner, with_setting
 from robustopt.solvers.contact_forces import planned_forces
 from robustopt.solvers.plan import interval_ends
@@ -364,9 +365,9 @@ def test_base_and_joints_require_the_forces_of_mujocos_inverse_dynamics(
     """With random masses, centres of mass and errors, and the torques of a foot that stands alone."""
     config = with_values(problem.config, UNCERTAIN)
     at = instants(plan, ())
-    stance = stances(plan, at)
+    stance = stances(plan.problem.path, at)
     world = build_world(config, problem.robot, problem.path, stance)
-    moving, joints = motion(plan, at, world.links)
+    moving, joints = motion(task_of(plan), at, world.links)
     here = np.flatnonzero((stance == 1) & (at.free > 0))[::7]
     values = world.sample(np.random.default_rng(4), 1, corners=False).at(0).repeated(len(here))
     there = moving.at(here)
@@ -502,7 +503,7 @@ MISTAKES = [
     ("solver.cost=effort", "solver.cost", "found effort with path.steps"),
     ("solver.collocation_points=20", "solver.collocation_points", "expected at least 40"),
     ("uncertainty.base_acceleration=[1, 2]", "uncertainty.base_acceleration", "expected one, or six"),
-    ("contact.friction={left_foot: 0.3}", "contact.friction", "no value for right_foot; expected one for each contact"),
+    ("contact.friction={left_foot: 0.3}", "contact.friction", "no value for right_foot; expected one for each object"),
     ("contact.friction={left_foot: 0.3, hand: 1}", "contact.friction.hand", "expected one of left_foot, right_foot"),
     ("uncertainty.friction={left_foot: [0.4, 0.5]}", "uncertainty.friction.left_foot", "does not contain"),
     ("uncertainty.contact_points={hand: 0.1}", "uncertainty.contact_points.hand", "nothing is called hand"),

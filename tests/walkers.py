@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from robustopt.config.load import with_values
-from robustopt.limits import TimeScalingProblem, build_rows
+from robustopt.limits import TimeScalingProblem
 from robustopt.robot import Robot
+from robustopt.solvers import build_rows
 
 
 def walker_of(problem: TimeScalingProblem) -> Robot:

@@ -8,12 +8,13 @@ with its nominal mass of opposite sign.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from robustopt.arrays import Array, Indices
 from robustopt.certificate.motion import CARRIER
+from robustopt.certificate.realizable import FIRST, SECOND, extreme_inertias, random_inertias
 from robustopt.config import Config
 from robustopt.config.object_model import ObjectConfig, TrayConfig
 from robustopt.robot import Robot
@@ -31,7 +32,12 @@ class Body:
         mass: mass [kg].
         center: centre of mass, axes of the frame (3,) [m].
         turn: rotation from the axes of the body to those of the frame (3, 3).
-        inertia: inertia about the centre of mass per unit of mass, axes of the frame (3, 3) [m^2].
+        inertia: nominal inertia about the centre of mass per unit of mass, axes of the body, in the order of
+            `realizable.ENTRIES` (6,) [m^2].
+        factor: lowest and highest factor on this inertia, or None for any realizable inertia.
+        half: half extents of the shape, needed for a realizable inertia (3,) [m].
+        offset: nominal centre of mass from the centre of the shape (3,) [m].
+        is_round: whether the shape is a cylinder.
         payload: False for a driven finger, which belongs to the robot and only reduces its own closing force.
     """
 
@@ -41,32 +47,62 @@ class Body:
     center: Array
     turn: Array
     inertia: Array
+    factor: tuple[float, float] | None = (1.0, 1.0)
+    half: Array = field(default_factory=lambda: np.zeros(3))
+    offset: Array = field(default_factory=lambda: np.zeros(3))
+    is_round: bool = False
     payload: bool = True
+
+    def inertias(self, com: Array) -> Array:
+        """Return the extreme inertias per unit mass for a displacement of the centre of mass, (k, 6) [m^2].
+
+        Args:
+            com: the displacement, body axes (3,) [m].
+        """
+        if self.factor is not None:
+            return np.outer(np.unique(self.factor), self.inertia)
+        return extreme_inertias(self.half, self.is_round, self.offset + com)
+
+    def random_inertias(self, com: Array, rng: np.random.Generator, corners: bool) -> Array:
+        """Return a random inertia per unit mass for each displacement of the centre of mass, (6, D) [m^2].
+
+        Args:
+            com: the displacements, body axes (3, D) [m].
+            rng: generator of random numbers.
+            corners: whether extreme inertias are wanted.
+        """
+        if self.factor is None:
+            return random_inertias(self.half, self.is_round, self.offset[:, None] + com, rng, corners)
+        low, high = self.factor
+        share = rng.integers(2, size=com.shape[1]) if corners else rng.random(com.shape[1])
+        return np.asarray(self.inertia[:, None] * (low + (high - low) * share))
 
 
 def payload(config: Config) -> list[Body]:
     """Return the tray, if there is one, and the objects."""
-    bodies = [] if config.tray is None else [_body(TRAY, config.tray, np.zeros(3), np.eye(3))]
+    bodies = [] if config.tray is None else [_body(config, TRAY, config.tray, np.zeros(3), np.eye(3))]
     placed = placements(config)
-    return bodies + [_body(name, config.objects[name], it.position, it.rotation) for name, it in placed.items()]
+    return bodies + [_body(config, name, config.objects[name], it.position, it.rotation) for name, it in placed.items()]
 
 
-def _body(name: str, item: TrayConfig | ObjectConfig, position: Array, turn: Array) -> Body:
-    center = position + turn @ np.asarray(item.center_of_mass)
-    return Body(name, CARRIER, item.mass, center, turn, turn @ _unit_inertia(item) @ turn.T)
-
-
-def _unit_inertia(item: TrayConfig | ObjectConfig) -> Array:
-    """Return the inertia about the centre of mass per unit of mass, body axes, (3, 3) [m^2]."""
-    if item.inertia is not None:
-        ixx, iyy, izz, ixy, ixz, iyz = (*item.inertia, 0.0, 0.0, 0.0)[:6]
-        return np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]]) / item.mass
+def _body(config: Config, name: str, item: TrayConfig | ObjectConfig, position: Array, turn: Array) -> Body:
+    offset = np.asarray(item.center_of_mass)
+    given = config.inertia_of(name)
     if item.size is not None:
-        square = np.square(item.size)
-        return np.diag(square.sum() - square) / 12.0
-    radius, height = getattr(item, "radius", 0.0), getattr(item, "height", 0.0)
-    across = radius**2 / 4.0 + height**2 / 12.0
-    return np.diag([across, across, radius**2 / 2.0])
+        half, is_round = 0.5 * np.asarray(item.size), False
+    else:
+        radius, height = getattr(item, "radius", 0.0), getattr(item, "height", 0.0)
+        half, is_round = np.array([radius, radius, 0.5 * height]), True
+    inertia, factor = _unit_inertia(item, half, is_round), None if given == "realizable" else given
+    return Body(name, CARRIER, item.mass, position + turn @ offset, turn, inertia, factor, half, offset, is_round)
+
+
+def _unit_inertia(item: TrayConfig | ObjectConfig, half: Array, is_round: bool) -> Array:
+    """Return the nominal inertia about the centre of mass per unit of mass, body axes, (6,) [m^2]."""
+    if item.inertia is not None:
+        return np.array((*item.inertia, 0.0, 0.0, 0.0)[:6]) / item.mass
+    spread = np.square(half) / (np.array([4.0, 4.0, 3.0]) if is_round else 3.0)
+    return np.r_[spread.sum() - spread, np.zeros(3)]
 
 
 def links(config: Config, robot: Robot) -> list[Body]:
@@ -75,8 +111,9 @@ def links(config: Config, robot: Robot) -> list[Body]:
     bodies = []
     for name in sorted(uncertain - {TRAY, *config.objects}):
         mass, center, inertia = robot.inertia_of(name)
-        bodies.append(Body(name, name, mass, center, np.eye(3), inertia / mass))
-        bodies.append(Body(f"nominal {name}", name, -mass, center, np.eye(3), inertia / mass))
+        own = inertia[FIRST, SECOND] / mass
+        bodies.append(Body(name, name, mass, center, np.eye(3), own))
+        bodies.append(Body(f"nominal {name}", name, -mass, center, np.eye(3), own))
     return bodies
 
 
@@ -88,7 +125,7 @@ def fingers(config: Config, patches: Sequence[Patch]) -> dict[int, Body]:
         if own is not None and own.held_by is not None and own.held_by.grip is not None:
             name, mass = f"finger of {patch.object}", own.held_by.grip.finger_mass
             if mass > 0.0:
-                found[index] = Body(name, CARRIER, mass, patch.origin, np.eye(3), np.zeros((3, 3)), False)
+                found[index] = Body(name, CARRIER, mass, patch.origin, np.eye(3), np.zeros(6), payload=False)
     return found
 
 
@@ -99,6 +136,7 @@ class Parameters:
     Attributes:
         mass: mass of each body (B,) [kg].
         com: displacement of each centre of mass, body axes (B, 3) [m].
+        inertia: inertia of each body about its centre of mass per unit of mass, body axes (B, 6) [m^2].
         friction: coefficient of friction of each contact (I,).
         force: vacuum or closing force of each contact, 0 without one, then the internal force between hands (I + 1,)
             [N].
@@ -108,6 +146,7 @@ class Parameters:
 
     mass: Array
     com: Array
+    inertia: Array
     friction: Array
     force: Array
     shift: Array
@@ -115,7 +154,7 @@ class Parameters:
 
     def arrays(self) -> tuple[Array, ...]:
         """Return the arrays in the order of the fields."""
-        return self.mass, self.com, self.friction, self.force, self.shift, self.error
+        return self.mass, self.com, self.inertia, self.friction, self.force, self.shift, self.error
 
     def at(self, index: int | Indices | slice) -> Parameters:
         """Return some of the sets of values, selected along the last axis."""

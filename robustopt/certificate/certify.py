@@ -1,8 +1,8 @@
 """Certificate of a plan: the worst utilisation of every limit over all values that are checked.
 
 The certificate shares only the configuration, the kinematics and dynamics of the robot, the path, and the places of
-objects and patches with the planner. It has its own rigid-body mechanics, force closure on exact Coulomb cones, and
-search for the worst parameters.
+objects and patches with the planner. It has its own reader of joint limits, rigid-body mechanics, force closure on
+exact Coulomb cones, and search for the worst parameters.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from robustopt.certificate.places import check_places
 from robustopt.certificate.samples import check_samples
 from robustopt.certificate.shared_torque import check_shared_torque
 from robustopt.certificate.tally import Found, Tally
+from robustopt.certificate.task import Task, task_of
 from robustopt.certificate.world import World, build_world, contact_points
 from robustopt.certificate.worst import Search, Thoroughness
 from robustopt.config import Config
 from robustopt.errors import ConfigError, SolverFailed
 from robustopt.limits.names import LimitName
 from robustopt.solvers import Plan
-from robustopt.solvers.same_task import require_same_task
 
 GRID_TOLERANCE = 1e-6
 """Violation at grid points that is accepted, as a share of the limit: solvers satisfy their rows, and the gauge is
@@ -173,21 +173,20 @@ def certify(plan: Plan, level: str = "quick", seed: int = 0, config: Config | No
         level: `quick`, within about a second, or `full`, with 10,000 random samples and a longer search for the worst
             case.
         seed: seed of the random samples.
-        config: a configuration of the same task that provides frictions, masses and intervals; by default the plan's
-            own.
+        config: a configuration, along whose path the timing of the plan is checked for all of its values: robot,
+            limits, gravity, tray, objects, frictions and intervals; by default the plan's own.
 
     Returns:
         The certificate, which says whether the plan keeps its limits.
 
     Raises:
-        ConfigError: the configuration is not of the plan's task, or the plan has a user-defined contact law.
+        ConfigError: the configuration cannot be used, the timing does not stop where its path does, or the plan has a
+            user-defined contact law.
         SolverFailed: the plan has no timing or not a finite one.
         ValueError: there is no such level.
     """
     if level not in LEVELS:
         raise ValueError(f"level must be one of {', '.join(LEVELS)}, not {level!r}")
-    if config is not None:
-        require_same_task(config, plan)
     if len(plan.x) == 0:
         raise SolverFailed(f"there is no timing to check: {getattr(plan, 'message', 'the plan is empty')}")
     if not (np.isfinite(plan.x).all() and np.isfinite(plan.u).all()):
@@ -195,14 +194,15 @@ def certify(plan: Plan, level: str = "quick", seed: int = 0, config: Config | No
     for contact in plan.problem.limits.laws:
         raise ConfigError(f"{contact} has a contact law of its own, which a certificate does not know", "objects")
     began = time.perf_counter()
-    config, how = config or plan.problem.config, LEVELS[level]
+    task, how = task_of(plan, config), LEVELS[level]
     intervals = int(np.count_nonzero(np.diff(plan.s) > 0.0))
-    points = max(contact_points(config), FEW_POINTS)
+    points = max(contact_points(task.config), FEW_POINTS)
     few = intervals * (2 + len(how.between)) * points <= how.most_work
     at = instants(plan, how.between if few else (0.5,))
-    world, tally = build_world(config, plan.problem.robot, plan.problem.path, stances(plan, at)), Tally(at.grid)
+    world = build_world(task.config, task.robot, task.path, stances(task.path, at))
+    tally = Tally(at.grid)
     _check_timing(plan, at, tally)
-    samples = _check(plan, world, at, how, np.random.default_rng(seed), tally)
+    samples = _check(task, world, at, how, np.random.default_rng(seed), tally)
     worst = _worst(tally, at)
     return Certificate(
         passed=all(_passes(found, on_grid) for (_, on_grid), found in tally.worst.items()),
@@ -219,13 +219,13 @@ def certify(plan: Plan, level: str = "quick", seed: int = 0, config: Config | No
     )
 
 
-def _check(plan: Plan, world: World, at: Instants, how: Level, rng: np.random.Generator, tally: Tally) -> int:
+def _check(task: Task, world: World, at: Instants, how: Level, rng: np.random.Generator, tally: Tally) -> int:
     """Check all limits, and return the number of random samples."""
-    moving, joints = motion(plan, at, world.links)
-    robot, count = plan.problem.robot, len(at.s)
-    limits = robot.limits.torque[robot.motors]
-    check_kinematics(world, joints, at.free, robot.limits, tally)
-    check_places(plan, at, tally)
+    moving, joints = motion(task, at, world.links)
+    robot, count = task.robot, len(at.s)
+    limits = task.limits.torque[robot.motors]
+    check_kinematics(world, joints, at.free, task.limits, tally)
+    check_places(task, at, tally)
     starts = [world.nominal.repeated(count)]
     starts += [world.sample(rng, count, corners=True) for _ in range(how.starts if world.uncertain else 0)]
     known = [] if robot.base else [KnownTorques(joints, limits, np.arange(count))]

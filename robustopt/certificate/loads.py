@@ -10,19 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
 from robustopt.arrays import Array
 from robustopt.certificate.bodies import Body, Parameters
 from robustopt.certificate.motion import Frame, Motion
+from robustopt.certificate.realizable import ENTRIES
 from robustopt.certificate.world import World
 
 Load = tuple[Array, Array]
 """Parts `rest` and `move` of a wrench."""
-
-ENDS = tuple((a, b, c, d) for a in (0, 1) for b in (0, 1) for c in (0, 1) for d in (0, 1))
-"""Ends of the intervals of mass and of the three coordinates of the centre of mass."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,13 +57,29 @@ def shaken(frame: Frame, free: Array, error: Array) -> Frame:
     return replace(frame, linear=frame.linear + extra[:3], angular=frame.angular + extra[3:])
 
 
-def body_load(body: Body, frame: Frame, mass: Array, com: Array) -> Load:
-    """Return the two parts of the wrench that a body requires, (6, ...) each; mass (...), com (3, ...) in body axes."""
+def body_load(body: Body, frame: Frame, mass: Array, com: Array, inertia: Array) -> Load:
+    """Return the two parts of the wrench that a body requires, (6, ...) each.
+
+    Args:
+        body: the body.
+        frame: motion of its frame.
+        mass: mass (...) [kg].
+        com: displacement of the centre of mass, body axes (3, ...) [m].
+        inertia: inertia about the centre of mass per unit of mass, body axes (6, ...) [m^2].
+    """
     center = np.tensordot(body.turn, com, axes=1) + body.center.reshape(3, *[1] * (com.ndim - 1))
     spin = frame.spin
-    turning = np.tensordot(body.inertia, frame.angular, axes=1) + cross(spin, np.tensordot(body.inertia, spin, axes=1))
+    turning = _turned(body, inertia, frame.angular) + cross(spin, _turned(body, inertia, spin))
     linear = frame.linear + cross(frame.angular, center) + cross(spin, cross(spin, center))
     return _wrench(-mass * frame.gravity, center, 0.0), _wrench(mass * linear, center, mass * turning)
+
+
+def _turned(body: Body, inertia: Array, vector: Array) -> Array:
+    """Return an inertia in body axes (6, ...) times a vector in axes of the frame (3, ...), in axes of the frame."""
+    x, y, z = np.tensordot(body.turn.T, vector, axes=1)
+    xx, yy, zz, xy, xz, yz = inertia
+    product = np.stack([xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z])
+    return np.tensordot(body.turn, product, axes=1)
 
 
 def _wrench(force: Array, center: Array, turning: Array | float) -> Array:
@@ -75,16 +90,19 @@ def _wrench(force: Array, center: Array, turning: Array | float) -> Array:
 def body_loads(world: World, motion: Motion, values: Parameters) -> list[Load]:
     """Return the two parts of the wrench that each body requires, (6, ...) each."""
     frames = {name: shaken(frame, motion.free, values.error) for name, frame in motion.frames.items()}
-    return [body_load(body, frames[body.frame], values.mass[b], values.com[b]) for b, body in enumerate(world.bodies)]
+    return [
+        body_load(body, frames[body.frame], values.mass[b], values.com[b], values.inertia[b])
+        for b, body in enumerate(world.bodies)
+    ]
 
 
 def at_lowest(
     world: World, motion: Motion, values: Parameters, goals: Sequence[Functional], joint_goal: Array | float = 0.0
 ) -> Parameters:
-    """Return the ends of mass, centre of mass and acceleration error at which a sum of functionals is lowest.
+    """Return the inertial parameters and acceleration errors at which a sum of functionals is lowest.
 
-    The bodies are independent, so all ends of each body are tried by themselves. The sum is linear in the error, whose
-    end is chosen afterwards.
+    The bodies are independent, so all extremes of each body are tried by themselves. The sum is linear in the error,
+    whose end is chosen afterwards.
 
     Args:
         world: the bodies and intervals.
@@ -94,42 +112,55 @@ def at_lowest(
         joint_goal: further gain of the sum per acceleration error (n, T).
     """
     frames = {name: shaken(frame, motion.free, values.error) for name, frame in motion.frames.items()}
-    mass, com = values.mass.copy(), values.com.copy()
+    mass, com, inertia = values.mass.copy(), values.com.copy(), values.inertia.copy()
     for goal in goals:
-        _lowest_ends(world, goal, frames[world.bodies[goal.body].frame], mass, com)
+        frame = frames[world.bodies[goal.body].frame]
+        mass[goal.body], com[goal.body], inertia[goal.body] = _lowest(world, goal, frame, mass.shape[1:])
     gain = np.zeros_like(values.error) + joint_goal
     for goal in goals:
         body = world.bodies[goal.body]
-        gain += _gain_of_error(body, motion.frames[body.frame], goal, mass[goal.body], com[goal.body])
+        gain += _gain_of_error(body, motion.frames[body.frame], goal, *(own[goal.body] for own in (mass, com, inertia)))
     low, high = world.lower.error[:, None], world.upper.error[:, None]
-    return replace(values, mass=mass, com=com, error=np.where(gain > 0.0, low, high))
+    return replace(values, mass=mass, com=com, inertia=inertia, error=np.where(gain > 0.0, low, high))
 
 
-def _lowest_ends(world: World, goal: Functional, frame: Frame, mass: Array, com: Array) -> None:
-    """Set mass (B, T) and com (B, 3, T) of one body to the ends of their intervals at which the goal is lowest."""
-    b = goal.body
-    ends = np.array([np.r_[p.mass[b], p.com[b]] for p in (world.lower, world.upper)])
-    wide = ends[0] < ends[1]
-    if not wide.any():
-        return
-    lowest = np.full(mass.shape[1:], np.inf)
-    best = np.zeros((4, *mass.shape[1:]))
-    for choice in ENDS:
-        if any(end and not w for end, w in zip(choice, wide, strict=True)):
-            continue
-        corner = ends[choice, range(4)]
-        value = goal(*body_load(world.bodies[b], frame, corner[:1], corner[1:, None]))
-        better = value < lowest
-        lowest = np.where(better, value, lowest)
-        best[:, better] = corner[:, None]
-    mass[b], com[b] = best[0], best[1:]
+def _lowest(world: World, goal: Functional, frame: Frame, shape: tuple[int, ...]) -> tuple[Array, Array, Array]:
+    """Return mass (T,), com (3, T) and inertia (6, T) of one body at the extremes at which the goal is lowest."""
+    b, body = goal.body, world.bodies[goal.body]
+    slope = _slope(body, frame, goal)
+    lowest, best = np.full(shape, np.inf), np.zeros((10, *shape))
+    for com in product(*(np.unique([p.com[b, k] for p in (world.lower, world.upper)]) for k in range(3))):
+        inertias, at = body.inertias(np.array(com)), np.broadcast_to(np.array(com)[:, None], (3, *shape))
+        own = inertias[np.argmin(inertias @ slope, axis=0)].T
+        for mass in np.unique([world.lower.mass[b], world.upper.mass[b]]):
+            value = goal(*body_load(body, frame, mass, at, own))
+            better = value < lowest
+            lowest = np.where(better, value, lowest)
+            best[:, better] = np.concatenate([np.full((1, *shape), mass), at, own])[:, better]
+    return best[0], best[1:4], best[4:]
 
 
-def _gain_of_error(body: Body, frame: Frame, goal: Functional, mass: Array, com: Array) -> Array:
+def _slope(body: Body, frame: Frame, goal: Functional) -> Array:
+    """Return the derivative of the goal with respect to the inertia, per unit of mass, (6, T).
+
+    With the moment m of the goal it is the symmetric part of m alpha^T + (m x omega) omega^T.
+    """
+    moment, angular, spin = (np.tensordot(body.turn.T, v, axes=1) for v in (goal.moment, frame.angular, frame.spin))
+    sides = ((moment, angular), (cross(moment, spin), spin))
+    twice = [1.0 if i == j else 2.0 for i, j in ENTRIES]
+    return np.stack(
+        [
+            c * sum(0.5 * (left[i] * right[j] + left[j] * right[i]) for left, right in sides)
+            for c, (i, j) in zip(twice, ENTRIES, strict=True)
+        ]
+    )
+
+
+def _gain_of_error(body: Body, frame: Frame, goal: Functional, mass: Array, com: Array, inertia: Array) -> Array:
     """Return the derivative of the goal of a body's wrench with respect to the acceleration error, (n, T)."""
     center = np.tensordot(body.turn, com, axes=1) + body.center[:, None]
     push = goal.force + cross(goal.moment, center)
-    twist = cross(center, push) + np.tensordot(body.inertia, goal.moment, axes=1)
+    twist = cross(center, push) + _turned(body, inertia, goal.moment)
     pull = np.concatenate([push, twist])
     return np.asarray(mass * (frame.jacobian * pull[:, None]).sum(axis=0))
 

@@ -14,6 +14,8 @@ from typing import Any, Self
 import numpy as np
 
 from robustopt.arrays import Array, Flags, Indices
+from robustopt.certificate.task import Task
+from robustopt.path import Path
 from robustopt.robot import Dynamics, Robot
 from robustopt.solvers import Plan
 
@@ -189,15 +191,15 @@ class Joints(Series):
         )
 
 
-def motion(plan: Plan, at: Instants, links: Sequence[str] = ()) -> tuple[Motion, Joints]:
-    """Return the motion of a plan at some instants.
+def motion(task: Task, at: Instants, links: Sequence[str] = ()) -> tuple[Motion, Joints]:
+    """Return the motion along a path at some instants.
 
     Args:
-        plan: the plan.
+        task: robot, path and limits.
         at: the instants.
         links: names of the links whose frames are needed.
     """
-    robot, path = plan.problem.robot, plan.problem.path
+    robot, path = task.robot, task.path
     nodes = [path.evaluate(at.node_s, at.node_piece, order) for order in range(3)]
     found = robot.dynamics(*nodes)
     maps = {name: _link(robot, name, nodes, at) for name in links}
@@ -212,8 +214,8 @@ def motion(plan: Plan, at: Instants, links: Sequence[str] = ()) -> tuple[Motion,
         for name, values in found.contact_jacobians.items()
     }
     q, q1, q2 = (_last(values[:, base:], at) for values in nodes)
-    dry = robot.limits.dry_friction[base:, None] * at.free
-    friction = robot.limits.viscous_friction[base:, None] * q1 * np.sqrt(at.x) + dry * np.sign(q1)
+    dry = task.limits.dry_friction[base:, None] * at.free
+    friction = task.limits.viscous_friction[base:, None] * q1 * np.sqrt(at.x) + dry * np.sign(q1)
     joints = Joints(
         position=q,
         velocity=q1 * np.sqrt(at.x),
@@ -288,10 +290,10 @@ def _link(robot: Robot, name: str, nodes: list[Array], at: Instants) -> tuple[Fr
     return frame, to_force[robot.base :]
 
 
-def stances(plan: Plan, at: Instants) -> Indices:
+def stances(path: Path, at: Instants) -> Indices:
     """Return the stance (T,) of each instant: at a switch the one with fewer contacts, without steps 0."""
-    found, chosen = plan.problem.path.stances, np.zeros(len(at.s), dtype=np.intp)
-    borders = [0.0, *plan.problem.path.switches, 1.0]
+    found, chosen = path.stances, np.zeros(len(at.s), dtype=np.intp)
+    borders = [0.0, *path.switches, 1.0]
     for k in sorted(range(len(found)), key=lambda k: -len(found[k].contacts)):
         chosen[(borders[k] <= at.s) & (at.s <= borders[k + 1])] = k
     return chosen

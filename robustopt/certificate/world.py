@@ -91,7 +91,8 @@ class World:
     def uncertain(self) -> bool:
         """Return whether any interval has a width above zero."""
         ends = zip(self.lower.arrays(), self.upper.arrays(), strict=True)
-        return any(bool(np.any(low < high)) for low, high in ends)
+        varies = any(body.factor is None or body.factor[0] < body.factor[1] for body in self.bodies)
+        return varies or any(bool(np.any(low < high)) for low, high in ends)
 
     def sample(self, rng: np.random.Generator, count: int, corners: bool) -> Parameters:
         """Return `count` sets of random values, uniform in the intervals, or at their ends if `corners` is true."""
@@ -101,7 +102,10 @@ class World:
             low, high = low[..., None], high[..., None]
             return np.asarray(np.where(share < 0.5, low, high) if corners else low + (high - low) * share)
 
-        return Parameters(*map(values, self.lower.arrays(), self.upper.arrays()))
+        found = Parameters(*map(values, self.lower.arrays(), self.upper.arrays()))
+        for b, body in enumerate(self.bodies):
+            found.inertia[b] = body.random_inertias(found.com[b], rng, corners)
+        return found
 
     def describe(self, values: Parameters, system: System | None) -> dict[str, dict[str, object]]:
         """Return the uncertain values, and the frictions of a system, by their names in the configuration."""
@@ -122,6 +126,11 @@ class World:
                 body.name: tuple(values.com[b].tolist())
                 for b, body in enumerate(self.bodies)
                 if np.any(low.com[b] < high.com[b])
+            },
+            "inertia": {
+                body.name: tuple((values.mass[b] * values.inertia[b]).tolist())
+                for b, body in enumerate(self.bodies)
+                if body.factor is None or body.factor[0] < body.factor[1]
             },
             "contact_points": {
                 it.name: tuple(map(tuple, values.shift[:, it.first : it.last].T.tolist()))
@@ -315,9 +324,10 @@ def _intervals(
     if hands is not None:
         force[1:, -1] = -hands.squeeze, hands.squeeze
     middle, radius = _error(config, robot)
-    nominal = Parameters(mass, np.zeros_like(reach), mu, force[0], np.zeros_like(shift), middle)
-    lower = Parameters(mass_ends[0], -reach, mu_ends[0], force[1], -shift, middle - radius)
-    upper = Parameters(mass_ends[1], reach, mu_ends[1], force[2], shift, middle + radius)
+    inertia = np.array([body.inertia for body in bodies]).reshape(-1, 6)
+    nominal = Parameters(mass, np.zeros_like(reach), inertia, mu, force[0], np.zeros_like(shift), middle)
+    lower = Parameters(mass_ends[0], -reach, inertia, mu_ends[0], force[1], -shift, middle - radius)
+    upper = Parameters(mass_ends[1], reach, inertia, mu_ends[1], force[2], shift, middle + radius)
     return nominal, lower, upper
 
 

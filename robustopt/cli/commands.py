@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 def check_task(config: Config, silent: bool) -> None:
     """Build the problem of a task, which raises any error in its robot or its path."""
     with status("building robot and path", silent):
-        from robustopt.limits import build_problem
+        from robustopt.solvers import build_problem
 
         build_problem(config)
         stop_if_interrupted()
@@ -49,8 +49,8 @@ def check_task(config: Config, silent: bool) -> None:
 def print_dry_run(config: Config, output: Output) -> int:
     """Print the resolved configuration and the size of its problem."""
     from robustopt.config.load import dump, resolved
-    from robustopt.limits import build_problem
     from robustopt.runs.plan_run import problem_size
+    from robustopt.solvers import build_problem
 
     with status("building the problem", output.silent):
         size = problem_size(build_problem(config)).model_dump()

@@ -126,6 +126,7 @@ def _references(config: Config, names: Collection[str]) -> Iterator[Finding]:
         if on is not None and on not in bodies:
             yield ("execution", "disturbance", "on"), _unknown(on, bodies)
         yield from _unknown_names(config, _BY_BODY, bodies)
+    yield from _unknown_names(config, ("uncertainty.inertia",), (TRAY, *names))
 
 
 def _unknown_names(config: Config, keys: Sequence[str], valid: Collection[str]) -> Iterator[Finding]:
@@ -284,6 +285,9 @@ def _intervals(config: Config) -> Iterator[Finding]:
         if body is not None:
             nominal = f"{name}.mass" if name == "tray" else f"objects.{name}.mass"
             yield from _inside(key, interval, body.mass, nominal)
+    for name, factor in uncertain.inertia.items():
+        if factor != "realizable":
+            yield from _interval(("uncertainty", "inertia", name), factor)
     yield from _friction(config)
 
 

@@ -130,6 +130,12 @@ class UncertaintyConfig(Section):
     mass: dict[str, tuple[Mass, Mass]] = Field(
         default={}, description="interval of the mass, by object name or `tray`; the inertia scales with the mass [kg]"
     )
+    inertia: dict[str, Literal["realizable"] | tuple[Positive, Positive]] = Field(
+        default={},
+        description="inertia about the centre of mass, by object name or `tray`: `realizable` for that of any "
+        "distribution of the mass within the shape that has the centre of mass, or the lowest and highest factor on "
+        "the given inertia; default: `realizable` where the centre of mass has an interval, else [1, 1]",
+    )
     joint_acceleration: AccelerationError | None = Field(
         default=None, description="interval of the error of the joint acceleration"
     )
@@ -148,8 +154,10 @@ class SolverConfig(Section):
         description="solver: a nonlinear program with inner contact programs (ipopt), or a faster method that "
         "minimises time only (reachability)",
     )
-    collocation_points: int = Field(
-        default=200, ge=10, le=20_000, description="number N of grid intervals along the path"
+    collocation_points: Annotated[int, Field(ge=10, le=20_000)] | Literal["auto"] = Field(
+        default="auto",
+        description="number N of grid intervals along the path; auto: as many as it takes for a duration within 0.1 % "
+        "of that of ever finer grids, and for limits that hold between grid points",
     )
     cost: Literal["time", "effort", "smoothness"] = Field(
         default="time",
@@ -205,6 +213,15 @@ class Config(Section):
     folder: Path = Field(
         default=Path("."), exclude=True, description="folder that relative file names in the configuration refer to"
     )
+
+    def inertia_of(self, name: str) -> Literal["realizable"] | tuple[float, float]:
+        """Return `realizable`, or the interval of the factor on the inertia of the tray or an object.
+
+        Args:
+            name: name of the object, or `tray`.
+        """
+        moves = any(self.uncertainty.center_of_mass.get(name, ()))
+        return self.uncertainty.inertia.get(name, "realizable" if moves else (1.0, 1.0))
 
     @property
     def environment_contacts(self) -> tuple[str, ...]:

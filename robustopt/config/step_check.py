@@ -57,10 +57,9 @@ def _beside_steps(config: Config) -> Iterator[Finding]:
     if execution is not None and execution.controller.feedforward == "gravity":
         message = "found gravity with path.steps; expected computed_torque: without it a walking robot falls"
         yield ("execution", "controller", "feedforward"), message
-    least = POINTS_PER_PHASE * (2 * len(config.path.steps or ()) + 1)
-    if config.solver.collocation_points < least:
-        found = f"found {config.solver.collocation_points}"
-        yield ("solver", "collocation_points"), f"{found}; expected at least {least} for this number of steps"
+    least, points = POINTS_PER_PHASE * (2 * len(config.path.steps or ()) + 1), config.solver.collocation_points
+    if points != "auto" and points < least:
+        yield ("solver", "collocation_points"), f"found {points}; expected at least {least} for this number of steps"
     if config.solver.cost == "effort":
         message = (
             "found effort with path.steps; expected time or smoothness: the feet share the torques in more than one way"

@@ -71,7 +71,8 @@ def expected(annotation: Any, constraints: Sequence[Any] = ()) -> str:
 
 def _one(annotation: Any, constraints: Sequence[Any]) -> str:
     head, tail = _noun(annotation, constraints)
-    article = "" if head in ("text", "true or false") or head.startswith("one of") else "a "
+    plain = head in ("text", "true or false") or get_origin(unwrap(annotation)[0]) is Literal
+    article = "" if plain else "a "
     return f"{article}{head}{tail}"
 
 
@@ -85,7 +86,7 @@ def _noun(annotation: Any, constraints: Sequence[Any]) -> tuple[str, str]:
     base, notes = unwrap(annotation)
     origin, arguments = get_origin(base), get_args(base)
     if origin is Literal:
-        return "one of " + ", ".join(arguments), ""
+        return arguments[0] if len(arguments) == 1 else "one of " + ", ".join(arguments), ""
     if origin is tuple:
         if arguments[-1] is Ellipsis:
             return "list", f" of {_several(arguments[0])}"

@@ -3,7 +3,7 @@
 from robustopt.limits.laws import ContactLaw
 from robustopt.limits.limit import Limit, LimitFactory
 from robustopt.limits.names import LimitKind, LimitName
-from robustopt.limits.problem import TimeScalingProblem, build_problem, build_rows, rows_along, track_of
+from robustopt.limits.problem import TimeScalingProblem, rows_along
 
 __all__ = [
     "ContactLaw",
@@ -12,8 +12,5 @@ __all__ = [
     "LimitKind",
     "LimitName",
     "TimeScalingProblem",
-    "build_problem",
-    "build_rows",
     "rows_along",
-    "track_of",
 ]

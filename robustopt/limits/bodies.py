@@ -1,10 +1,16 @@
 """Rigid bodies with uncertain inertial parameters, and the wrenches that their motion requires.
 
 The required wrench of a body is linear in its inertial parameters phi = (m, m r, I_o), ten numbers about the origin of
-the frame that the body is rigid to: w = Y(a, alpha, omega) phi. So an interval on mass and centre of mass is a zonotope
-of parameters, constant along the path: phi = m (psi_0 + sum_k zeta_k psi_k), zeta in [-1, 1], m in [m_lo, m_hi]. The
-part that is linear in the displacement of the centre of mass is exact. The squares of the displacement enter the
-inertia about the origin alone; they are bounded term by term (`remainder`).
+the frame that the body is rigid to: w = Y(a, alpha, omega) phi. Per unit of mass,
+
+    phi / m = psi + sum_k zeta_k psi_k + sum_ab (T_ab - T0_ab) psi_ab,   zeta_k in [-1, 1],   T in a set.
+
+The part that is linear in the displacement of the centre of mass is exact. T is a second moment of the mass about the
+nominal centre of mass, in units of the reaches d along three axes: T_aa in [0, 1] and |T_ab| <= (T_aa + T_bb) / 2. If
+the inertia about the centre of mass is known, T is the square of the displacement, and d its interval. If the body only
+has to exist within its shape, all of its inertia is in T, and d^2 is the largest second moment that a mass in the shape
+can have: h^2 - c^2 + 2 |c| e along an axis with half the edge length h and a centre of mass within c +- e. A cylinder
+has T_xx + T_yy <= 1. These sets contain all possible bodies (our choice).
 """
 
 from __future__ import annotations
@@ -24,30 +30,41 @@ FIRST, SECOND = np.array(INERTIA_TERMS).T
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A body with an interval of its mass and of its centre of mass, in the frame that it is rigid to.
+    """A body with an interval of its mass and sets of its other inertial parameters, in the frame that it is rigid to.
 
     Attributes:
         name: name of the body.
         mass: lowest and highest mass [kg].
-        psi: inertial parameters of a unit mass, (1, r, I_o / m), (10,).
-        linear: change of psi for the full displacement of the centre of mass along each axis (3, 10).
-        remainder: terms of second order in the displacement, each with a factor in [-1, 1], (6, 10).
+        psi: inertial parameters of a unit mass, (10,).
+        linear: half-widths of psi, each with a factor in [-1, 1], (k, 10).
+        moments: change of psi per entry of T, in the order of `INERTIA_TERMS`, (6, 10), or (0, 10) for none.
+        usual: the entries of T0, which psi contains, (6,) or (0,).
+        round: whether T_xx + T_yy <= 1.
     """
 
     name: str
     mass: tuple[float, float]
     psi: Array
     linear: Array
-    remainder: Array
+    moments: Array
+    usual: Array
+    round: bool = False
 
     @property
     def nominal(self) -> Array:
-        """Return phi at the middle of the mass interval, (10,)."""
+        """Return phi with the mass at the middle of its interval and all else nominal, (10,)."""
         return 0.5 * (self.mass[0] + self.mass[1]) * self.psi
 
 
-def uncertain_body(name: str, mass: tuple[float, float], arm: Array, inertia: Array, reaches: Array) -> Body:
-    """Return a body whose mass and centre of mass lie in intervals.
+def uncertain_body(
+    name: str,
+    mass: tuple[float, float],
+    arm: Array,
+    inertia: Array,
+    reaches: Array,
+    factor: tuple[float, float] = (1.0, 1.0),
+) -> Body:
+    """Return a body whose mass, centre of mass and inertia about it lie in intervals.
 
     Args:
         name: name of the body.
@@ -55,15 +72,58 @@ def uncertain_body(name: str, mass: tuple[float, float], arm: Array, inertia: Ar
         arm: nominal centre of mass (3,) [m].
         inertia: inertia about the centre of mass per unit of mass (3, 3) [m^2].
         reaches: largest displacements of the centre of mass, in either direction, as columns (3, 3) [m].
+        factor: lowest and highest factor on the inertia about the centre of mass.
     """
-    steps = np.ascontiguousarray(reaches.T)
-    psi, linear, remainder = np.zeros(10), np.zeros((3, 10)), np.zeros((6, 10))
-    psi[0], psi[1:4], psi[4:] = 1.0, arm, inertia[FIRST, SECOND] + _product(arm, arm)
+    psi, scaled = _point_mass(arm), np.zeros((1, 10))
+    psi[4:] += 0.5 * (factor[0] + factor[1]) * inertia[FIRST, SECOND]
+    scaled[0, 4:] = 0.5 * (factor[1] - factor[0]) * inertia[FIRST, SECOND]
+    linear = np.vstack([_displacements(arm, reaches), scaled])
+    moments = _second_moments(reaches)
+    return Body(name, mass, psi, linear[linear.any(axis=1)], moments, np.zeros(len(moments)))
+
+
+def realizable_body(
+    name: str, mass: tuple[float, float], arm: Array, inertia: Array, reaches: Array, extents: Array, round_: bool
+) -> Body:
+    """Return a body whose mass may be distributed in any way that gives it a centre of mass in its interval.
+
+    Args:
+        name: name of the body.
+        mass: lowest and highest mass [kg].
+        arm: nominal centre of mass (3,) [m].
+        inertia: nominal inertia about the centre of mass per unit of mass (3, 3) [m^2].
+        reaches: largest displacements of the centre of mass, in either direction, as columns (3, 3) [m].
+        extents: largest second moments about the nominal centre of mass, as columns: the root of each along its axis
+            (3, 3) [m].
+        round_: whether the first two axes of `extents` are those of a disc, whose second moments have a common bound.
+    """
+    psi, linear, moments = _point_mass(arm), _displacements(arm, reaches), _second_moments(extents)
+    psi[4:] += inertia[FIRST, SECOND]
+    lengths = np.linalg.norm(extents, axis=0)
+    per_unit = extents / np.where(lengths > 0.0, lengths, np.inf) ** 2
+    usual = per_unit.T @ (0.5 * np.trace(inertia) * np.eye(3) - inertia) @ per_unit
+    return Body(name, mass, psi, linear[linear.any(axis=1)], moments, usual[FIRST, SECOND][: len(moments)], round_)
+
+
+def _point_mass(arm: Array) -> Array:
+    """Return the inertial parameters of a unit mass at a point (3,), (10,)."""
+    return np.concatenate([[1.0], arm, _product(arm, arm)])
+
+
+def _displacements(arm: Array, reaches: Array) -> Array:
+    """Return the change of a point mass' parameters for each displacement, columns (3, 3), to first order, (3, 10)."""
+    steps, linear = np.ascontiguousarray(reaches.T), np.zeros((3, 10))
     linear[:, 1:4] = steps
     linear[:, 4:] = 2.0 * _product(steps, arm)  # change of -skew(r)^2 to first order when r moves by a step
-    remainder[:3, 4:] = 0.5 * _product(steps, steps)  # a square in [0, 1] is a half plus or minus a half
-    remainder[3:, 4:] = 2.0 * _product(steps[[0, 0, 1]], steps[[1, 2, 2]])
-    return Body(name=name, mass=mass, psi=psi + remainder[:3].sum(axis=0), linear=linear, remainder=remainder)
+    return linear
+
+
+def _second_moments(extents: Array) -> Array:
+    """Return the change of psi per entry of T in units of the extents, columns (3, 3), (6, 10); (0, 10) for none."""
+    steps, moments = np.ascontiguousarray(extents.T), np.zeros((6, 10))
+    moments[:3, 4:] = _product(steps, steps)
+    moments[3:, 4:] = 2.0 * _product(steps[FIRST[3:]], steps[SECOND[3:]])
+    return moments if moments.any() else moments[:0]
 
 
 def _product(a: Array, b: Array) -> Array:

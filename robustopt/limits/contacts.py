@@ -15,7 +15,7 @@ from robustopt.limits.contact_limit import ContactLimit
 from robustopt.limits.hands import hand_force, hand_systems
 from robustopt.limits.laws import ContactLaw
 from robustopt.limits.names import LimitKind
-from robustopt.limits.polygons import RequiredWrench
+from robustopt.limits.polygons import ALONG_PATH, RequiredWrench
 from robustopt.limits.stances import eroded_sole, stance_system
 from robustopt.limits.systems import ContactSystem, object_systems
 from robustopt.limits.torque import TorqueLimit, legged_torque
@@ -130,8 +130,7 @@ def _stance_limits(config: Config, track: Track, uncertainty: Uncertainty) -> li
 
 def _first_rows(loads: RequiredWrench, count: int) -> RequiredWrench:
     """Return the first coordinates of required wrenches."""
-    names = ("nominal", "terms", "constant", "remainder")
-    return loads._replace(**{name: np.ascontiguousarray(getattr(loads, name)[:, :count]) for name in names})
+    return loads._replace(**{name: np.ascontiguousarray(getattr(loads, name)[:, :count]) for name in ALONG_PATH})
 
 
 def _certain_soles(track: Track, uncertainty: Uncertainty) -> dict[str, Array]:

@@ -15,8 +15,17 @@ import numpy as np
 from robustopt.arrays import Array, Indices
 from robustopt.compiled import compiled, compiled_inner
 from robustopt.limits.clipping import MAX_VERTICES, clip, empty_draft, largest_value, read, size_along, write
+from robustopt.limits.coupling import is_coupled, largest_weight
 from robustopt.limits.row_bounds import block_bounds, next_above, row_blocks, row_bounds
-from robustopt.limits.row_values import active_piece, add_sizes, find_margin, row_value, row_work, wrenches_at
+from robustopt.limits.row_values import (
+    active_piece,
+    add_sizes,
+    find_margin,
+    row_value,
+    row_work,
+    worst_value,
+    wrenches_at,
+)
 
 TOLERANCE = 1e-10
 """Largest violation of a row, relative to the limit, that a vertex of a polygon may keep: ten times rounding error."""
@@ -83,6 +92,7 @@ def _try_rows(family, i, tried, count, work, draft, n, sizes):
     for k in range(count):
         f, u, x = tried.rows[k], tried.points[k, 0], tried.points[k, 1]
         _find_intervals(family.wrench, i, u, x, work)
+        wrenches_at(family.wrench.nominal, i, u, x, work.central)
         piece = _piece(family, f, i, u, x, work)
         if _exceeds(largest_value(draft.vertices, n, piece[0], piece[1], piece[2]), piece, sizes):
             n = _clipped(draft, n, piece, f)
@@ -121,38 +131,45 @@ def _cut_at_vertices(family, i, blocks, work, draft, n, sizes):
 
 @compiled_inner(forceinline=True)
 def _find_intervals(wrench, i, u, x, work):
-    """Set the interval terms and remainders at grid point i and (u, x)."""
+    """Set the interval terms and second moments at grid point i and (u, x)."""
     if len(wrench.group):
         wrenches_at(wrench.terms, i, u, x, work.swings)
-    if len(wrench.remainder_group):
-        wrenches_at(wrench.remainder, i, u, x, work.remains)
+    if len(wrench.usual):
+        wrenches_at(wrench.moments, i, u, x, work.moments)
 
 
 @compiled_inner(forceinline=True)
 def _find_wrenches(wrench, i, u, x, work, blocks):
     """Set all wrenches at grid point i and (u, x), and their reach."""
-    central, swings, remains, box = work.central, work.swings, work.remains, work.box
-    reach, fixed = blocks.reach, blocks.fixed
+    central, swings, moments, reach, fixed = work.central, work.swings, work.moments, blocks.reach, blocks.fixed
     _find_intervals(wrench, i, u, x, work)
     wrenches_at(wrench.nominal, i, u, x, central)
     if len(reach):
-        box[:] = 0.0
-        add_sizes(remains, wrench.remainder_group, box)
         for g in range(reach.shape[0]):
             for j in range(reach.shape[1]):
-                reach[g, j] = fixed[g, j] + box[g, j]
+                reach[g, j] = fixed[g, j]
         add_sizes(swings, wrench.group, reach)
+        for q in range(len(wrench.usual)):
+            for j in range(reach.shape[1]):
+                reach[wrench.moment_group[q // 6], j] += abs(moments[q, j]) * largest_weight(wrench.usual, q)
 
 
 @compiled_inner(forceinline=True)
 def _find_reach(family, i, blocks):
     """Set the parts of the reach that depend on neither u nor x, at grid point i."""
-    constant, group, base_terms = family.wrench.constant, family.wrench.constant_group, family.base_terms
+    wrench, base_terms = family.wrench, family.base_terms
+    constant, group, products, n = wrench.constant, wrench.constant_group, wrench.products, len(wrench.group)
     fixed, own_reach = blocks.fixed, blocks.own_reach
     fixed[:] = 0.0
     for k in range(len(group)):
         for j in range(fixed.shape[1]):
             fixed[group[k], j] += abs(constant[i, j, k])
+    for k in range(products.shape[2]):
+        g = wrench.group[k] if k < n else wrench.moment_group[(k - n) // 6]
+        size = 1.0 if k < n else largest_weight(wrench.usual, k - n)
+        for j in range(fixed.shape[1]):
+            for e in range(products.shape[3]):
+                fixed[g, j] += size * abs(products[i, j, k, e])
     own_reach[:] = 0.0
     for f in range(len(own_reach)):
         for k in range(len(group)):
@@ -185,6 +202,8 @@ def _worst_row(family, i, u, x, work, blocks):
             f = m * len(of_rows) + r
             find_margin(family, b, f, i, work)
             found = row_value(family, b, f, i, u, x, work)
+            if found > violation and is_coupled(family.wrench):
+                found = worst_value(family, b, f, i, u, x, work)
             if found > violation:
                 worst, violation = f, found
             r = next_above(of_rows, r + 1, violation)
@@ -192,12 +211,13 @@ def _worst_row(family, i, u, x, work, blocks):
     return worst, violation
 
 
-@compiled_inner(forceinline=True)
+@compiled_inner()
 def _piece(family, f, i, u, x, work):
     """Return the piece (a, slope, c) of row f that is active at grid point i and (u, x)."""
     b = i if family.B.shape[0] > 1 else 0
     find_margin(family, b, f, i, work)
-    return active_piece(family.B, b, family.wrench, family.base, i, f, work.margins, work.swings, work.remains, u, x)
+    worst_value(family, b, f, i, u, x, work)
+    return active_piece(family.B, b, family.wrench, family.base, i, f, work.fixed, work.signs, work.weights, u, x)
 
 
 @compiled_inner(forceinline=True)

@@ -48,8 +48,7 @@ def _bodies(
     for name, interval, reach in uncertainty.robot_bodies:
         mass, center, inertia = robot.inertia_of(name)
         body = uncertain_body(name, interval or (mass, mass), center, inertia / mass, np.diag(reach))
-        as_in_model = uncertain_body(name, (mass, mass), center, inertia / mass, np.zeros((3, 3)))
-        yield body, robot.body_motion(name, motion.q, motion.q1, motion.q2), as_in_model.nominal
+        yield body, robot.body_motion(name, motion.q, motion.q1, motion.q2), mass * body.psi
     if motion.dynamics.carrier is not None:
         carried = _carrier_motion(motion, robot.base)
         for body in uncertainty.bodies:
@@ -83,18 +82,15 @@ class _Total:
         self._shape = dynamics.force_u.shape
         self._groups = [nominal]
         self._shaken = [np.swapaxes(dynamics.mass_matrix[:, :, self._erring], 1, 2)]
-        self._terms: list[tuple[int, Array]] = []
-        self._remainders: list[tuple[int, Array]] = []
+        self._varying: list[tuple[Body, int, Array, Array]] = []
         self._lowest, self._highest = [1.0], [1.0]
         self._intervals: list[Array] = []
 
     def add(self, body: Body, moving: BodyMotion, nominal: Array | None) -> None:
         """Add a body; `nominal` (10,) are the inertial parameters that the model of the links has for it already."""
-        steps = body.linear[np.any(body.linear != 0, axis=1)]
-        squares = body.remainder[np.any(body.remainder != 0, axis=1)]
         certain = body.mass[0] == body.mass[1]
         factor = body.mass[0] if certain else 1.0
-        parameters = factor * np.vstack([body.psi, steps, squares])
+        parameters = factor * np.vstack([body.psi, body.linear, body.moments])
         forces, shakes = _forces(moving, parameters, self._erring, self._middle)
         group = 0 if certain else len(self._groups)
         if nominal is not None:
@@ -105,11 +101,7 @@ class _Total:
         else:
             self._groups, self._shaken = [*self._groups, forces[0]], [*self._shaken, shakes[0]]
             self._lowest, self._highest = [*self._lowest, body.mass[0]], [*self._highest, body.mass[1]]
-        self._terms += [(group, term) for term in forces[1 : 1 + len(steps)]]
-        self._remainders += [(group, term) for term in forces[1 + len(steps) :]]
-        if len(self._erring):
-            bound = np.einsum("kpen,e->pn", np.abs(shakes[1:]), self._radius[self._erring])
-            self._remainders.append((group, np.stack([np.zeros_like(bound), np.zeros_like(bound), bound], axis=2)))
+        self._varying.append((body, group, forces[1:], shakes[1:]))
 
     def add_interval(self, term: Array) -> None:
         """Add an interval term (P, n) that depends on neither u nor x, with a factor in [-1, 1]."""
@@ -121,22 +113,31 @@ class _Total:
         constant = [np.swapaxes(shake * radius, 1, 2) for shake in self._shaken]
         constant += [term[:, :, None] for term in self._intervals]
         groups = np.r_[np.repeat(np.arange(len(self._groups)), len(self._erring)), np.zeros(len(self._intervals), int)]
+        bodies = [(body, group) for body, group, _, _ in self._varying if len(body.moments)]
+        counts = [len(body.linear) for body, _, _, _ in self._varying]
+        parts = [(forces, shakes) for _, _, forces, shakes in self._varying]
+        terms = [(forces[:n], shakes[:n]) for n, (forces, shakes) in zip(counts, parts, strict=True)]
+        moments = [(forces[n:], shakes[n:]) for n, (forces, shakes) in zip(counts, parts, strict=True)]
+        changes = [np.swapaxes(shakes * radius, 2, 3) for _, shakes in terms + moments]
         return RequiredWrench(
             nominal=np.ascontiguousarray(np.stack(self._groups, axis=2)),
-            terms=self._stacked(self._terms),
-            group=np.array([g for g, _ in self._terms], dtype=np.int64),
+            terms=self._stacked([forces for forces, _ in terms], 3),
+            group=np.repeat([g for _, g, _, _ in self._varying], counts).astype(np.int64),
+            moments=self._stacked([forces for forces, _ in moments], 3),
+            moment_group=np.array([g for _, g in bodies], dtype=np.int64),
+            usual=np.concatenate([np.zeros(0), *(body.usual for body, _ in bodies)]),
+            round=np.array([body.round for body, _ in bodies], dtype=bool),
             constant=np.ascontiguousarray(np.concatenate(constant, axis=2)),
             constant_group=groups,
-            remainder=self._stacked(self._remainders),
-            remainder_group=np.array([g for g, _ in self._remainders], dtype=np.int64),
+            products=self._stacked(changes, len(self._erring)),
             lowest=np.array(self._lowest),
             highest=np.array(self._highest),
         )
 
-    def _stacked(self, terms: Sequence[tuple[int, Array]]) -> Array:
-        if not terms:
-            return np.zeros((*self._shape, 0, 3))
-        return np.ascontiguousarray(np.stack([term for _, term in terms], axis=2))
+    def _stacked(self, terms: Sequence[Array], columns: int) -> Array:
+        """Return terms (k, P, n, columns) one after the other, (P, n, K, columns)."""
+        together = np.concatenate([np.zeros((0, *self._shape, columns)), *terms])
+        return np.ascontiguousarray(np.moveaxis(together, 0, 2))
 
 
 def _forces(moving: BodyMotion, parameters: Array, erring: Indices, middle: Array) -> tuple[Array, Array]:

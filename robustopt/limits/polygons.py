@@ -8,10 +8,13 @@ of the final polygon are exactly the rows that are not redundant (our choice).
 
 A row family is, for B (F, d) and a load W that is affine in (u, x),
 
-    value_f = base_f + sum_g scale_g(v_fg) v_fg,   v_fg = B_f W_g0 + sum_k |B_f W_gk| + sum_k |B_f| |R_gk|,
+    value_f = base_f + max_e sum_g scale_g(v_fg) v_fg,   v_fg = B_f W_g0 + sum_k |B_f W_gk| + sum_b h(B_f W_gb),
 
 in which g runs over groups of bodies, scale_g(v) is the largest mass of the group if v > 0 and its smallest otherwise,
-the W_gk are exact interval terms, and the R_gk are bounded remainders (see `uncertainty`).
+the W_gk are interval terms, W_gb is the wrench per second moment of body b (see `bodies`), and all of them depend on
+the acceleration error e. h is the support function of the set of second moments,
+
+    h(y) = sum_a max(0, r_a),   r_a = y_aa + sum_b |y_ab| / 2,   with max(0, r_x, r_y) for both axes of a disc.
 """
 
 from __future__ import annotations
@@ -57,6 +60,10 @@ class Polygons(NamedTuple):
     sizes: Array
 
 
+ALONG_PATH = ("nominal", "terms", "moments", "constant", "products")
+"""Names of the arrays of a required wrench with an axis of grid points and one of coordinates, in this order."""
+
+
 class RequiredWrench(NamedTuple):
     """The quantities that the rows of a family multiply, in groups; the mass of a group has one interval.
 
@@ -64,10 +71,16 @@ class RequiredWrench(NamedTuple):
         nominal: W_g0, coefficients of (u, x, 1) last (P, d, G, 3).
         terms: interval terms W_gk (P, d, n, 3).
         group: group of each interval term (n,).
-        constant: interval terms that depend on neither u nor x (P, d, n_c).
+        moments: wrenches per second moment, six in turn for each of m bodies, in the order of `INERTIA_TERMS`,
+            (P, d, 6 m, 3).
+        moment_group: group of each of these bodies (m,).
+        usual: their nominal second moments, which the nominal wrenches contain, (6 m,).
+        round: whether the first two axes of each are those of a disc (m,).
+        constant: interval terms that depend on neither u nor x (P, d, n_c): first those of the E coordinates with an
+            acceleration error, group by group, then others.
         constant_group: group of each of them (n_c,).
-        remainder: bounded remainders R_gk (P, d, n_r, 3).
-        remainder_group: group of each remainder (n_r,).
+        products: change of each interval term, then of each second moment, by each acceleration error
+            (P, d, n + 6 m, E).
         lowest: smallest mass factor of each group (G,).
         highest: largest mass factor of each group (G,).
     """
@@ -75,10 +88,13 @@ class RequiredWrench(NamedTuple):
     nominal: Array
     terms: Array
     group: Array
+    moments: Array
+    moment_group: Array
+    usual: Array
+    round: Array
     constant: Array
     constant_group: Array
-    remainder: Array
-    remainder_group: Array
+    products: Array
     lowest: Array
     highest: Array
 
@@ -93,8 +109,7 @@ class RequiredWrench(NamedTuple):
         Args:
             points: the grid points, indices or a slice.
         """
-        over_points = ("nominal", "terms", "constant", "remainder")
-        return self._replace(**{name: getattr(self, name)[points] for name in over_points})
+        return self._replace(**{name: getattr(self, name)[points] for name in ALONG_PATH})
 
 
 class Family(NamedTuple):

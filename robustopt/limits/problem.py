@@ -23,10 +23,10 @@ from robustopt.limits.motion import PathMotion
 from robustopt.limits.names import LimitKind, LimitName
 from robustopt.limits.polygons import Polygons, cut_affine, edge_rows, start
 from robustopt.limits.torque import TorqueLimit, torque_scale
-from robustopt.limits.track import Track, build_track
+from robustopt.limits.track import Track
 from robustopt.limits.uncertainty import Uncertainty, uncertainty_of
-from robustopt.path import Path, build_path
-from robustopt.robot import Robot, load_robot
+from robustopt.path import Path
+from robustopt.robot import Robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,55 +221,6 @@ class TimeScalingProblem:
         return self.limits.torque.torques(u, x) * torque_scale(self.robot.limits.torque)
 
 
-def build_problem(
-    config: Config, limits: Sequence[LimitFactory] = (), laws: Mapping[str, ContactLaw] | None = None
-) -> TimeScalingProblem:
-    """Return the time-scaling problem of a configuration.
-
-    A problem without a solution is not an error here; the status of its plan shows it.
-
-    Args:
-        config: the configuration.
-        limits: further limits, each made from the track.
-        laws: contact laws in place of the configured ones, by the name of the contact of an object.
-
-    Raises:
-        ConfigError: the configuration cannot be used.
-        RobotError: its robot cannot be used.
-        PathError: its path cannot be followed.
-    """
-    return rows_along(track_of(config), config, limits, laws)
-
-
-def track_of(config: Config) -> Track:
-    """Return the track of a configuration.
-
-    Args:
-        config: the configuration.
-
-    Raises:
-        ConfigError: the configuration cannot be used.
-        RobotError: its robot cannot be used.
-        PathError: its path cannot be followed.
-    """
-    robot = load_robot(config)
-    return build_track(config, robot, build_path(config, robot))
-
-
-def build_rows(config: Config, robot: Robot, path: Path) -> TimeScalingProblem:
-    """Return the problem of a configuration with a given robot and path.
-
-    Args:
-        config: the configuration.
-        robot: the robot.
-        path: the path.
-
-    Raises:
-        ConfigError: the configuration does not fit the robot.
-    """
-    return rows_along(build_track(config, robot, path), config)
-
-
 def rows_along(
     track: Track,
     config: Config,
@@ -280,7 +231,7 @@ def rows_along(
 
     Args:
         track: robot, path and grid.
-        config: the configuration; its robot, path and number of collocation points must be those of the track.
+        config: the configuration; its robot and path must be those of the track.
         limits: further limits, each made from the track.
         laws: contact laws in place of the configured ones, by the name of the contact of an object.
 

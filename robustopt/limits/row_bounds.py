@@ -28,7 +28,7 @@ class Blocks(NamedTuple):
         sizes: sizes of the entries (M, d, K).
         extremes: least and largest entries of each block (1, 2, d, M).
         extreme_sizes: largest sizes of each block (1, d, M).
-        reach: sum_k |W_gk| + sum_k |R_gk| at (u, x), (G, d), or (0, d) if there are no intervals.
+        reach: sum_k |W_gk| at (u, x), and the like of second moments and products, (G, d), or (0, d) for no intervals.
         fixed: part of the reach that depends on neither u nor x (G, d).
         own_reach: largest share of the interval terms in each row by itself (F, G), or (0, G) for none.
         of_blocks: bounds of the blocks (M,); infinite for the single one.
@@ -56,7 +56,7 @@ def row_blocks(family):
     (_, F, d), G = B.shape, len(wrench.lowest)
     made = B.shape[0] == 1 and family.base.shape[0] == 0 and F > BLOCK
     K, M = (BLOCK, (F + BLOCK - 1) // BLOCK) if made else (F, 1)
-    intervals = len(wrench.group) + len(wrench.constant_group) + len(wrench.remainder_group)
+    intervals = len(wrench.group) + len(wrench.usual) + len(wrench.constant_group)
     entries, sizes = np.zeros((M, 1, d, BLOCK)), np.zeros((M, d, BLOCK))
     extremes, extreme_sizes = np.zeros((1, 2, d, M)), np.zeros((1, d, M))
     if made:

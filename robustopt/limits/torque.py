@@ -191,9 +191,10 @@ class TorqueLimit:
         chosen = np.tile(used, 2) & self.limited
         B, base, terms = self.B, self.base_at(self.reference, self.x_top), self.base_terms
         if not chosen.all():
-            B, base = np.ascontiguousarray(B[:, chosen]), np.ascontiguousarray(base[:, chosen])
+            B, base = B[:, chosen], np.ascontiguousarray(base[:, chosen])
             terms = np.ascontiguousarray(terms[:, chosen]) if terms.size else terms
-        outline = polygons.cut(outline, Family(B, self.loads, base, terms, np.tile(index, 2)[chosen]))
+        family = Family(np.ascontiguousarray(B), self.loads, base, terms, np.tile(index, 2)[chosen])
+        outline = polygons.cut(outline, family)
         shared = self.sharing.family(used, index)
         return outline if shared is None else polygons.cut(outline, shared)
 
@@ -256,7 +257,8 @@ class TorqueLimit:
             x: sd^2 (M,).
             points: grid point of each (M,).
         """
-        family = Family(self.B, self.loads, self.base, self.base_terms, np.arange(self.B.shape[1]))
+        B = np.ascontiguousarray(self.B)
+        family = Family(B, self.loads, self.base, self.base_terms, np.arange(B.shape[1]))
         values = polygons.evaluate(family, points, u, x)
         values += self.viscous[points] * np.sqrt(np.maximum(x, 0.0))[:, None]
         return np.where(np.tile(self.sharing.known[points], 2), values, np.nan)

@@ -15,10 +15,9 @@ from typing import Any, TypeVar
 import numpy as np
 
 from robustopt.arrays import Array, Flags, Indices
-from robustopt.config import Config
 from robustopt.limits.bodies import Body
 from robustopt.limits.generalised_force import generalised_force
-from robustopt.limits.grid import gridpoints
+from robustopt.limits.grid import Grid
 from robustopt.limits.motion import PathMotion, path_motion
 from robustopt.limits.names import LimitKind, LimitName
 from robustopt.limits.polygons import Polygons, RequiredWrench, cut_affine, start
@@ -50,8 +49,7 @@ class Track:
     Attributes:
         robot: the robot.
         path: the path.
-        s: grid points in [0, 1] (P,).
-        piece: piece of the path (P,).
+        grid: the grid.
         rest: whether the robot must stand still (P,).
         motion: motion along the path.
         x_max: largest x that the joint velocities allow (P,).
@@ -60,14 +58,23 @@ class Track:
 
     robot: Robot
     path: Path
-    s: Array
-    piece: Indices
+    grid: Grid
     rest: Flags
     motion: PathMotion
     x_max: Array
     fastest: Indices
     _kept: dict[str, dict[Hashable, Any]] = field(default_factory=dict, repr=False)
     _lock: Lock = field(default_factory=Lock, repr=False)
+
+    @property
+    def s(self) -> Array:
+        """Return the grid points in [0, 1] (P,)."""
+        return self.grid.s
+
+    @property
+    def piece(self) -> Indices:
+        """Return the piece of the path of each grid point (P,)."""
+        return self.grid.piece
 
     def names(self, kind: LimitKind) -> tuple[LimitName, ...]:
         """Return the names of the limits of one kind, one for each joint (n,).
@@ -175,24 +182,21 @@ class Track:
         return found
 
 
-def build_track(config: Config, robot: Robot, path: Path) -> Track:
+def build_track(robot: Robot, path: Path, grid: Grid) -> Track:
     """Return the track of a path.
 
     Args:
-        config: the configuration, for the number of grid intervals.
         robot: the robot.
         path: the path.
+        grid: the grid along the path.
     """
-    s, piece = gridpoints(path, config.solver.collocation_points)
-    for switch in path.switches:  # the limits on both sides of it hold there
-        s[1 + np.argmin(np.abs(s[1:-1] - switch))] = switch
-    rest = np.zeros(len(s), dtype=bool)
+    rest = np.zeros(len(grid.s), dtype=bool)
     rest[[0, -1]] = True
-    doubled = np.flatnonzero(np.diff(s) == 0)
+    doubled = np.flatnonzero(np.diff(grid.s) == 0)
     rest[doubled] = rest[doubled + 1] = True
-    q, q1, q2 = (path.evaluate(s, piece, order) for order in (0, 1, 2))
+    q, q1, q2 = (path.evaluate(grid.s, grid.piece, order) for order in (0, 1, 2))
     motion = path_motion(robot, q, q1, q2)
-    return Track(robot, path, s, piece, rest, motion, *_velocity_bound(q1, robot.limits.velocity))
+    return Track(robot, path, grid, rest, motion, *_velocity_bound(q1, robot.limits.velocity))
 
 
 def _acceleration_rows(motion: PathMotion, limits: JointLimits, middle: Array, radius: Array) -> Array:

@@ -3,8 +3,7 @@
 Friction, contact points, pressing forces, masses, centres of mass, and the error of the executed acceleration are each
 given as an interval. Less friction is always worse, and so is less pressing force: the excess of a larger force can
 squeeze the part evenly, which is a wrench of zero. The acceleration error e adds the columns of a Jacobian to the
-acceleration. Its effect is exact for bodies with a known centre of mass; its product with a displacement of the centre
-of mass is bounded term by term.
+acceleration, and its products with all other parameters are exact (see `coupling`).
 """
 
 from __future__ import annotations
@@ -12,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import Literal
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from robustopt.arrays import Array
 from robustopt.config import Config, ObjectConfig, TrayConfig
 from robustopt.config.per_name import value_of
 from robustopt.errors import ConfigError
-from robustopt.limits.bodies import Body, inertia_matrix, uncertain_body
+from robustopt.limits.bodies import Body, inertia_matrix, realizable_body, uncertain_body
 from robustopt.scene.placement import TRAY, placements
 
 Interval = tuple[float, float]
@@ -169,7 +169,8 @@ def bodies(config: Config) -> dict[str, Body]:
             position, rotation = placed[name].position, placed[name].rotation
         mass = given.mass.get(name, (item.mass, item.mass))
         reach = given.center_of_mass.get(name, (0.0, 0.0, 0.0))
-        found[name] = _body(name, item, mass, reach, tuple(position.tolist()), tuple(rotation.ravel().tolist()))
+        factor = config.inertia_of(name)
+        found[name] = _body(name, item, mass, reach, factor, tuple(position.tolist()), tuple(rotation.ravel().tolist()))
     return found
 
 
@@ -179,11 +180,39 @@ def _body(
     item: TrayConfig | ObjectConfig,
     mass: Interval,
     reach: tuple[float, float, float],
+    factor: Interval | Literal["realizable"],
     position: tuple[float, ...],
     rotation: tuple[float, ...],
 ) -> Body:
     """Return a body at a place; `reach` of its centre of mass along its own axes [m]."""
     turn = np.array(rotation).reshape(3, 3)
     inertia = turn @ (inertia_matrix(item) / item.mass) @ turn.T
-    arm = np.array(position) + turn @ np.array(item.center_of_mass)
-    return uncertain_body(name, mass, arm, inertia, turn * np.array(reach))
+    arm, reaches = np.array(position) + turn @ np.array(item.center_of_mass), turn * np.array(reach)
+    if factor != "realizable":
+        return uncertain_body(name, mass, arm, inertia, reaches, factor)
+    extents, is_round = _extents(item, reach), isinstance(item, ObjectConfig) and item.shape == "cylinder"
+    return realizable_body(name, mass, arm, inertia, reaches, turn * extents, is_round)
+
+
+def _extents(item: TrayConfig | ObjectConfig, reach: tuple[float, float, float]) -> Array:
+    """Return the roots of the largest second moments about the nominal centre of mass, (3,) [m]; see `bodies`."""
+    center = np.abs(item.center_of_mass)
+    free = -np.square(center) + 2.0 * center * np.array(reach)
+    half = half_extents(item)
+    if isinstance(item, ObjectConfig) and item.shape == "cylinder":
+        free[:2] = free[:2].sum()
+    return np.sqrt(np.maximum(half**2 + free, 0.0))
+
+
+def half_extents(item: TrayConfig | ObjectConfig) -> Array:
+    """Return half the extents of the tray or of an object along its axes, (3,) [m].
+
+    Args:
+        item: the tray or the object.
+    """
+    if isinstance(item, ObjectConfig) and item.shape == "cylinder":
+        assert item.radius is not None
+        assert item.height is not None
+        return np.array([item.radius, item.radius, 0.5 * item.height])
+    assert item.size is not None
+    return 0.5 * np.array(item.size)

@@ -27,8 +27,8 @@ def no_wrench(points: int, dimension: int) -> RequiredWrench:
     none = np.zeros((points, dimension, 0, 3))
     group = np.zeros(0, dtype=np.int64)
     return RequiredWrench(
-        np.zeros((points, dimension, 1, 3)), none, group, np.zeros((points, dimension, 0)), group, none, group,
-        np.ones(1), np.ones(1),
+        np.zeros((points, dimension, 1, 3)), none, group, none, group, np.zeros(0), np.zeros(0, dtype=bool),
+        np.zeros((points, dimension, 0)), group, np.zeros((points, dimension, 0, 0)), np.ones(1), np.ones(1),
     )  # fmt: skip
 
 
@@ -39,7 +39,7 @@ class BodyWrenches:
     Attributes:
         wrenches: of K sets of inertial parameters, per u, x, 1 and, if C > 3, acceleration error of each coordinate
             (K, P, C, 6).
-        kind: 0 for the body itself, 1 for an interval term, 2 for a remainder (K,).
+        kind: 0 for the body itself, 1 for an interval term, 2 for a second moment (K,).
     """
 
     wrenches: Array
@@ -54,13 +54,11 @@ def body_wrenches(motion: PathMotion, body: Body, erring: bool) -> BodyWrenches:
         body: the body.
         erring: whether to include the wrenches of acceleration errors.
     """
-    steps = body.linear[np.any(body.linear != 0, axis=1)]
-    squares = body.remainder[np.any(body.remainder != 0, axis=1)]
-    parameters = np.vstack([body.psi, steps, squares])
+    parameters = np.vstack([body.psi, body.linear, body.moments])
     columns = motion.wrench_map.shape[1] if erring else 3
     wrenches = np.zeros((len(parameters), len(motion.wrench_map), columns, 6))
     _multiply(motion.wrench_map, parameters, wrenches)
-    return BodyWrenches(wrenches, np.repeat(np.arange(3), [1, len(steps), len(squares)]))
+    return BodyWrenches(wrenches, np.repeat(np.arange(3), [1, len(body.linear), len(body.moments)]))
 
 
 @compiled(fastmath={"contract", "reassoc"})
@@ -87,7 +85,7 @@ def body_loads(
 
     Args:
         loads: for each object the bodies that it carries, itself included.
-        about: reference point of the moments of each object (3,) [m]; near centres of mass the remainders are small.
+        about: reference point of the moments of each object (3,) [m]; near centres of mass the products are small.
         middle: middle of the acceleration error (n,) [rad/s^2 or m/s^2].
         radius: half-width of the acceleration error (n,) [rad/s^2 or m/s^2].
         wrenches_of: function that returns the required wrenches of a body.
@@ -103,17 +101,19 @@ def body_loads(
     lengths = [len(part.kind) for part in parts]
     mass, group = (np.repeat([member[k] for member in members], lengths) for k in (1, 2))
     carries = np.repeat([[body in row for row in loads] for body, _, _ in members], lengths, axis=0)
-    points, d = parts[0].wrenches.shape[1], 6 * len(loads)
-    spread = len(erring) > 0 and bool((kind > 0).any())
-    remainder_group = np.r_[group[kind == 2], np.unique(group[kind > 0])] if spread else group[kind == 2]
+    points, d, varying = parts[0].wrenches.shape[1], 6 * len(loads), int((kind > 0).sum())
+    moments = [(body, g) for body, _, g in members if len(body.moments)]
     result = RequiredWrench(
         nominal=np.zeros((points, d, len(groups), 3)),
         terms=np.zeros((points, d, int((kind == 1).sum()), 3)),
         group=group[kind == 1],
+        moments=np.zeros((points, d, int((kind == 2).sum()), 3)),
+        moment_group=np.array([g for _, g in moments], dtype=np.int64),
+        usual=np.concatenate([np.zeros(0), *(body.usual for body, _ in moments)]),
+        round=np.array([body.round for body, _ in moments], dtype=bool),
         constant=np.zeros((points, d, len(groups) * len(erring))),
         constant_group=np.repeat(np.arange(len(groups)), len(erring)),
-        remainder=np.zeros((points, d, len(remainder_group), 3)),
-        remainder_group=remainder_group,
+        products=np.zeros((points, d, varying, len(erring))),
         lowest=np.array([1.0] + [body.mass[0] for body in uncertain]),
         highest=np.array([1.0] + [body.mass[1] for body in uncertain]),
     )
@@ -131,20 +131,18 @@ def _fill(loads, wrenches, mass, group, kind, carries, about, middle, radius, er
 
     mass: (K,); carries: which objects carry each set (K, objects); about: reference points (objects, 3)
     """
-    nominal, terms, constant, remainder = loads.nominal, loads.terms, loads.constant, loads.remainder
+    nominal, terms, moments, constant, products = (
+        loads.nominal,
+        loads.terms,
+        loads.moments,
+        loads.constant,
+        loads.products,
+    )
     points, used = wrenches.shape[1], wrenches.shape[2]
     shifted = middle.any()
     origin, w = np.zeros((used, 6)), np.zeros((used, 6))
-    spread = remainder.shape[2] > (kind == 2).sum()
-    spread_slot, last = np.zeros(len(loads.lowest), np.int64), (kind == 2).sum()
-    for g in range(len(loads.lowest)):
-        spread_slot[g] = last
-        for k in range(len(kind)):
-            if group[k] == g and kind[k] > 0:
-                last += 1
-                break
     for i in range(points):
-        term, rest = 0, 0
+        term, moment = 0, 0
         for k in range(len(kind)):
             for c in range(used):
                 for r in range(6):
@@ -165,14 +163,16 @@ def _fill(loads, wrenches, mass, group, kind, carries, about, middle, radius, er
                         elif kind[k] == 1:
                             terms[i, row, term, c] = w[c, r]
                         else:
-                            remainder[i, row, rest, c] = w[c, r]
+                            moments[i, row, moment, c] = w[c, r]
                     for n in range(len(erring)):
                         part = w[3 + erring[n], r] * radius[erring[n]]
                         if kind[k] == 0:
                             constant[i, row, group[k] * len(erring) + n] += part
-                        elif spread:
-                            remainder[i, row, spread_slot[group[k]], 2] += abs(part)
-            term, rest = term + (kind[k] == 1), rest + (kind[k] == 2)
+                        elif kind[k] == 1:
+                            products[i, row, term, n] = part
+                        else:
+                            products[i, row, terms.shape[2] + moment, n] = part
+            term, moment = term + (kind[k] == 1), moment + (kind[k] == 2)
 
 
 @compiled()
@@ -241,9 +241,10 @@ def with_forces(
     return loads._replace(
         nominal=nominal,
         terms=np.pad(loads.terms, more),
+        moments=np.pad(loads.moments, more),
         constant=np.concatenate([constant, swings], axis=2),
         constant_group=np.r_[loads.constant_group, np.zeros(swings.shape[2], dtype=loads.constant_group.dtype)],
-        remainder=np.pad(loads.remainder, more),
+        products=np.pad(loads.products, more),
     )
 
 

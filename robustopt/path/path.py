@@ -29,7 +29,9 @@ class Path:
         breaks: boundaries of the pieces, from 0 to 1 (K+1,); the robot stops at the inner ones, and the derivative of q
             may jump there.
         waypoints: s of the configured waypoints (W,).
-        switches: values of s at which the limits change without a stop; every grid must contain them.
+        switches: values of s at which the limits change without a stop.
+        kinks: values of s that a grid should contain: the switches, and interior knots of cubic splines, at which q''
+            has a kink.
         stances: phases of a path with steps in their order; () without steps.
 
     Args:
@@ -50,6 +52,8 @@ class Path:
         self._noun, self._steps = noun, steps
         self.stances = steps.stances if steps is not None else ()
         self.switches = self.waypoints[1:-1] if steps is not None else np.zeros(0)
+        knots = [piece.x[1:-1] for piece in pieces if isinstance(piece, CubicSpline)]
+        self.kinks = np.union1d(self.switches, np.concatenate([np.zeros(0), *knots]))
         self._knots = np.unique(
             np.concatenate([piece.x if isinstance(piece, CubicSpline) else piece.t for piece in pieces])
         )

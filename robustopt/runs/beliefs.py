@@ -13,10 +13,11 @@ from robustopt.config.load import with_values
 from robustopt.errors import SolverFailed
 from robustopt.learning.learner import Belief
 from robustopt.learning.moments import ErrorInterval
-from robustopt.limits import rows_along, track_of
-from robustopt.limits.track import Track
+from robustopt.limits import rows_along
+from robustopt.limits.grid import numbered_grid
+from robustopt.limits.track import Track, build_track
 from robustopt.runs.plan_run import PlanResult
-from robustopt.solvers import Status, solve
+from robustopt.solvers import Status, solve, track_of
 from robustopt.solvers.batch import with_setting
 
 
@@ -127,16 +128,23 @@ class Planner:
         raise SolverFailed(f"the plan for {described(belief)} failed its certificate: {sentence}")
 
     def _on_grid(self, belief: Belief, finer: int) -> PlanResult:
-        points = finer * self.config.solver.collocation_points
-        refined = self.config if finer == 1 else with_values(self.config, {"solver.collocation_points": points})
-        config = believing(refined, belief)
-        if finer not in self._tracks:
-            self._tracks[finer] = track_of(refined)
-        plan = solve(rows_along(self._tracks[finer], config))
+        config = believing(self.config, belief)
+        plan = solve(rows_along(self._track(finer), config))
         if plan.status not in (Status.SOLVED, Status.INFEASIBLE):
             raise SolverFailed(f"no plan for {described(belief)}: {plan.message}")
         solved = self._certified and plan.status is Status.SOLVED
         return PlanResult(config, plan, certify(plan, "quick", config.seed) if solved else None, None, {})
+
+    def _track(self, finer: int) -> Track:
+        """Return the track of the task's own values, which all beliefs share, or a finer one."""
+        if finer not in self._tracks:
+            self._tracks[finer] = track_of(self.config) if finer == 1 else self._finer(finer)
+        return self._tracks[finer]
+
+    def _finer(self, finer: int) -> Track:
+        known, points = self._track(1), self.config.solver.collocation_points
+        grid = known.grid.split(finer) if points == "auto" else numbered_grid(known.path, finer * points)
+        return build_track(known.robot, known.path, grid)
 
 
 def described(belief: Belief) -> str:

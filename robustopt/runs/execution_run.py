@@ -96,16 +96,11 @@ def execute_stored(
     if known.duration is None:
         raise RunFolderError(f"{folder}: the run has no plan ({known.status}); expected one that was solved")
     _require_free(overrides)
-    config = unchanged_config(folder, [*overrides, *_grid(known)])
+    config = unchanged_config(folder, overrides)
     plan = read_plan(config, folder / PLAN)
     start = time.perf_counter()
     executions = execute(plan, config, speed=speed, workers=workers, progress=progress)
     return ExecutionResult(config, plan, executions, time.perf_counter() - start, known, source=folder)
-
-
-def _grid(known: Summary) -> list[str]:
-    """Return the number of collocation points as an override: a learner's plan may be on a finer grid than its task."""
-    return [f"solver.collocation_points={known.size.collocation_points}"] if known.size is not None else []
 
 
 def _require_free(overrides: Sequence[str]) -> None:

@@ -12,12 +12,12 @@ import numpy as np
 
 from robustopt.certificate import Certificate, certify
 from robustopt.config import Config
-from robustopt.limits import TimeScalingProblem, build_problem
+from robustopt.limits import TimeScalingProblem
 from robustopt.runs.origin import write_origin
-from robustopt.runs.records import CertificateRecord, DiagnosisRecord, ProblemSize, RunStatus, Summary
+from robustopt.runs.records import CertificateRecord, DiagnosisRecord, GridRecord, ProblemSize, RunStatus, Summary
 from robustopt.runs.store import SUMMARY, write_record
 from robustopt.scene.patches import patches
-from robustopt.solvers import Plan, Status, solve
+from robustopt.solvers import Plan, Status, build_problem, solve
 from robustopt.solvers.diagnosis import Diagnosis, diagnose
 from robustopt.solvers.trajectory import binding_shares
 
@@ -90,7 +90,7 @@ def problem_size(problem: TimeScalingProblem) -> ProblemSize:
     facets = sum(len(system.facets) for system in systems)
     rows = 2 * problem.robot.n + problem.limits.torque.B.shape[1] + facets
     return ProblemSize(
-        collocation_points=problem.config.solver.collocation_points,
+        collocation_points=problem.limits.track.grid.intervals,
         grid_points=len(problem.s),
         pieces=int(problem.piece[-1]) + 1,
         rows=rows * len(problem.s),
@@ -110,7 +110,10 @@ def summary(result: PlanResult) -> Summary:
         result: the plan and its certificate.
     """
     plan, certificate, diagnosis = result.plan, result.certificate, result.diagnosis
+    accuracy = plan.problem.limits.track.grid.accuracy
     message = plan.message if diagnosis is None else f"{plan.message} {diagnosis.sentence}"
+    if accuracy is not None and certificate is not None and not accuracy.enough:
+        message += f" {accuracy.sentence}"
     if certificate is not None and not certificate.passed:
         message = certificate.sentence
     return Summary(
@@ -124,6 +127,7 @@ def summary(result: PlanResult) -> Summary:
         certificate=_certificate(certificate, plan) if certificate is not None else None,
         diagnosis=DiagnosisRecord.model_validate(diagnosis) if diagnosis is not None else None,
         size=problem_size(plan.problem),
+        grid=GridRecord.model_validate(accuracy) if accuracy is not None else None,
         notes=tuple(plan.problem.robot.notes),
         statistics=dict(plan.statistics),
         seconds=dict(result.seconds),

@@ -97,6 +97,15 @@ class ProblemSize(Record):
     generators: int
 
 
+class GridRecord(Record):
+    """Estimated accuracy of a grid that the path has chosen, as in `robustopt.limits.grid.Accuracy`."""
+
+    error: Number
+    violation: Number
+    enough: bool
+    sentence: str
+
+
 class WorstMargin(Record):
     """Smallest margin of a certificate; `margin` is None if no contact forces hold the limit."""
 
@@ -270,6 +279,7 @@ class Summary(Record):
         kind, name, status, message: the command, the task, how it ended, and the same in sentences.
         method, duration: solver, and duration of the motion [s]; None without a plan.
         binding: share of the duration in which each limit binds.
+        grid: accuracy of the grid; None if the number of its intervals was given.
         statistics: figures of the solution process.
         seconds: computing time of each step [s].
         success_rate, success_interval: of the executions, with their Clopper-Pearson interval.
@@ -286,6 +296,7 @@ class Summary(Record):
     certificate: CertificateRecord | None = None
     diagnosis: DiagnosisRecord | None = None
     size: ProblemSize | None = None
+    grid: GridRecord | None = None
     notes: tuple[str, ...] = ()
     statistics: dict[str, Number] = {}
     seconds: dict[str, float] = {}

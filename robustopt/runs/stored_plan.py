@@ -12,7 +12,12 @@ from robustopt.arrays import Array
 from robustopt.config import Config
 from robustopt.errors import RunFolderError, SolverFailed
 from robustopt.files import MOST_BYTES, read_text
-from robustopt.limits import build_problem
+from robustopt.limits import rows_along
+from robustopt.limits.grid import Grid
+from robustopt.limits.track import build_track
+from robustopt.path import Path as RobotPath
+from robustopt.path import build_path
+from robustopt.robot import load_robot
 from robustopt.solvers import Plan
 from robustopt.solvers.plan import solved_plan
 from robustopt.solvers.trajectory import Trajectory
@@ -36,17 +41,27 @@ def read_plan(config: Config, path: Path) -> Plan:
     Raises:
         RunFolderError: the file is no plan of the configuration.
     """
-    problem = build_problem(config)
+    robot = load_robot(config)
+    line = build_path(config, robot)
     head, numbers = _read(path)
-    _require_joints(path, head, problem.robot.joint_names)
-    s, sd, q = numbers[:, 1], numbers[:, 2], numbers[:, 4 : 4 + problem.robot.n]
-    same_grid = len(s) == len(problem.s) and np.array_equal(s, problem.s)
-    if not same_grid or np.abs(problem.path.evaluate(s, problem.piece) - q).max() > SAME_PATH:
+    _require_joints(path, head, robot.joint_names)
+    s, sd, q = numbers[:, 1], numbers[:, 2], numbers[:, 4 : 4 + robot.n]
+    grid = _grid_of(s, line)
+    if grid is None or np.abs(line.evaluate(s, grid.piece) - q).max() > SAME_PATH:
         raise _changed(path, "not on the path of the configuration beside it")
-    plan = solved_plan(problem, sd**2, "stored", {})
+    plan = solved_plan(rows_along(build_track(robot, line, grid), config), sd**2, "stored", {})
     if (sd < 0).any() or not _same_times(plan, numbers[:, 0]):
         raise _changed(path, "its times are not those of its speeds sd")
     return plan
+
+
+def _grid_of(s: Array, line: RobotPath) -> Grid | None:
+    """Return the grid of stored points (P,), None unless they lead from end to end with a stop at every break."""
+    doubled = np.diff(s, prepend=-1.0) == 0.0
+    ends = len(s) > 1 and s[0] == 0.0 and s[-1] == 1.0 and bool((np.diff(s) >= 0.0).all())
+    if not ends or not np.array_equal(s[doubled], line.breaks[1:-1]):
+        return None
+    return Grid(s, np.cumsum(doubled, dtype=np.intp))
 
 
 def _read(path: Path) -> tuple[list[str], Array]:

@@ -1,7 +1,8 @@
 """Plan one task for many settings of friction, masses, centres of mass, forces and errors.
 
-All settings share the robot, the path and their dynamics; the rest is computed anew, by the functions that plan a
-single task. So a plan of a batch equals the plan of its setting alone, bit for bit. If only durations are wanted and
+All settings share the robot, the path, the grid that suits the configuration's own values, and their dynamics; the
+rest is computed anew, by the functions that plan a single task. So a plan of a batch equals the plan of its setting
+alone on the same grid, bit for bit. If only durations are wanted and
 the work is worth it, several processes share it; the result does not depend on their number.
 """
 
@@ -23,10 +24,10 @@ from robustopt.config.document import Key, split_key
 from robustopt.config.load import with_values
 from robustopt.config.per_name import value_of
 from robustopt.errors import ConfigError, SolverFailed
-from robustopt.limits import TimeScalingProblem, rows_along, track_of
+from robustopt.limits import TimeScalingProblem, rows_along
 from robustopt.limits.track import Track
 from robustopt.processes import begun, cores, in_processes
-from robustopt.solvers import Plan, Status, solve
+from robustopt.solvers import Plan, Status, solve, track_of
 
 Setting = Mapping[str, float | Sequence[float]]
 """Values by configuration key, such as {"contact.friction.upper": 0.3, "uncertainty.center_of_mass.upper.2": 0.01}."""
@@ -128,7 +129,7 @@ class BatchPlanner:
         return [duration for part in in_processes(_durations, parts, self.workers, SolverFailed) for duration in part]
 
     def plans(self, settings: Sequence[Setting]) -> list[Plan]:
-        """Return the plan of each setting, the same as `solve(build_problem(config), "reachability")` returns.
+        """Return the plan of each setting, the same as `solve` returns by `reachability` on the grid of the batch.
 
         Args:
             settings: the settings.

@@ -13,12 +13,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from robustopt.config import Config
 from robustopt.config.load import with_values
 from robustopt.errors import ConfigError
-from robustopt.limits import LimitKind, LimitName, TimeScalingProblem, build_rows
+from robustopt.limits import LimitKind, LimitName, TimeScalingProblem, rows_along
+from robustopt.limits.track import build_track
 from robustopt.robot import load_robot
 from robustopt.solvers import Plan, Status, solve, standstill
+from robustopt.solvers.refine import for_time
 from robustopt.solvers.remedies import Candidate, candidates
 
 BISECTIONS = 12
@@ -111,15 +112,10 @@ def diagnose(plan: Plan) -> Diagnosis:
 
 def _solvable(problem: TimeScalingProblem) -> bool:
     try:
-        plan = solve(replace(problem, config=_for_time(problem.config)), "reachability")
+        plan = solve(replace(problem, config=for_time(problem.config)), "reachability")
     except ConfigError:  # nothing bounds the speed
         return True
     return plan.status is not Status.INFEASIBLE
-
-
-def _for_time(config: Config) -> Config:
-    """Return the configuration with time as the cost, on which feasibility does not depend."""
-    return config.model_copy(update={"solver": config.solver.model_copy(update={"cost": "time", "weight": 0.0})})
 
 
 def _conflicts(problem: TimeScalingProblem) -> Iterator[tuple[str, ...]]:
@@ -204,10 +200,10 @@ def _trial(
             config = with_values(problem.config, changes)
         except ConfigError:
             return False
-        robot = problem.robot
+        track = problem.limits.track
         if any(key.startswith("robot.") for key in changes):
-            robot = load_robot(config)
-        changed = build_rows(config, robot, problem.path)
+            track = build_track(load_robot(config), problem.path, track.grid)
+        changed = rows_along(track, config)
         return _solvable(changed if limits is None else changed.only(limits))
 
     return works

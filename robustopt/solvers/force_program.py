@@ -145,7 +145,7 @@ def overlooked_rows(
 
 def _is_certain(loads: RequiredWrench) -> bool:
     """Return whether no parameter has an interval, so that the answer of a program is final."""
-    intervals = len(loads.group) + len(loads.constant_group) + len(loads.remainder_group)
+    intervals = len(loads.group) + len(loads.moment_group) + len(loads.constant_group)
     return intervals == 0 and bool(np.all(loads.lowest == loads.highest))
 
 

@@ -182,12 +182,13 @@ def _rows_from(
         solved += 1
         row = np.zeros(len(force))
         row[:BASE], row[joints] = on_wrench, on_torque
-        value = float(evaluate(row[None], here, NO_BASE, NO_TERMS, *at)[0, 0]) + constant
+        worst = worst_wrench(here, row[None], *at)[0]
+        value = float(row @ worst) + constant
         if value > VIOLATION and np.any(on_torque):
             found.append(SharedRow(point, row, constant, int(joints[np.argmax(np.abs(on_torque))])))
         if value <= max(best, -DOUBTFUL) + VIOLATION:
             break
-        best, force = value, worst_wrench(here, row[None], *at)[0]
+        best, force = value, worst
     return found, solved
 
 
