@@ -26,7 +26,15 @@ from robustopt.cli.commands import (
     make_plan,
     print_dry_run,
 )
-from robustopt.cli.terminal import Output, fail, print_json, show, show_runs, show_warnings_as_notes
+from robustopt.cli.terminal import (
+    Output,
+    fail,
+    open_closed_streams,
+    print_json,
+    show,
+    show_runs,
+    show_warnings_as_notes,
+)
 from robustopt.errors import ConfigError, RobustOptError
 from robustopt.interruption import INTERRUPTED, STOPS, Kept, interruptions, listen, on_interrupt
 from robustopt.processes import end_processes
@@ -352,7 +360,7 @@ def main() -> None:
 
     Linear algebra uses one thread: the matrices are small, and sums then do not depend on the load of the machine.
     """
-    _open_closed_streams()
+    open_closed_streams()
     ending = _Ending()
     atexit.register(ending.end_at_once)  # before all others, so that it is called after them
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -369,13 +377,6 @@ def main() -> None:
     with suppress(Exception):
         end_processes()
     sys.exit(ending.code)
-
-
-def _open_closed_streams() -> None:
-    """Let a standard stream that was closed lead nowhere: the next file that is opened would take its place."""
-    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
-        if getattr(sys, name) is None:
-            setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115
 
 
 def _stop_listening() -> None:

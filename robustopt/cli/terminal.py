@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -116,6 +117,13 @@ def ask(question: str) -> str:
 def say(text: str) -> None:
     """Print a message to a person who answers questions."""
     print(text, file=sys.stderr, flush=True)
+
+
+def open_closed_streams() -> None:
+    """Let a standard stream that was closed lead nowhere: the next file that is opened would take its place."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115
 
 
 def show_warnings_as_notes(quiet: bool) -> None:
