@@ -80,6 +80,8 @@ def _headline(data: Summary) -> str:
     """Return a line that says how a run ended."""
     if data.duration is None:
         return f"{data.name}: {data.status}"
+    if data.rejected:
+        return f"{data.name}: {data.status}; the plan of {data.duration:.4f} s is rejected"
     if data.kind == "learning":
         return f"{data.name}: {data.status} a plan of {data.duration:.4f} s"
     return f"{data.name}: {data.status}; the motion takes {data.duration:.4f} s, planned by {data.method}"
@@ -154,8 +156,8 @@ def certificate_rows(certificate: CertificateRecord) -> list[Row]:
     grid = "at a grid point" if worst.on_grid else "between grid points"
     lines = [
         Row("result", f"{'passed' if certificate.passed else 'failed'} ({effort})"),
-        Row("margin at grid points", f"{_left(margin.on_grid)}: {name}"),
-        Row("worst margin", f"{_left(worst.margin)}: {worst.limit}"),
+        Row("margin at grid points", f"{_left(margin.on_grid, certificate.passed)}: {name}"),
+        Row("worst margin", f"{_left(worst.margin, certificate.passed)}: {worst.limit}"),
         Row("  where", worst.place),
         Row("  when", f"t = {worst.t:.3f} s, s = {worst.s:.4f}, {grid}"),
     ]
@@ -184,9 +186,11 @@ def _lowest(margin: float | None) -> float:
     return float("-inf") if margin is None else margin
 
 
-def _left(margin: float | None) -> str:
+def _left(margin: float | None, passed: bool) -> str:
     if margin is None:
         return "not held by any forces"
+    if passed and margin < -ROUNDING:
+        return f"within tolerance ({-100 * margin:.2g} % over)"
     return f"{100 * margin if abs(margin) > ROUNDING else 0.0:.2g} % of the limit"
 
 
@@ -222,6 +226,8 @@ def print_summary(data: Summary, console: Console, place: Path) -> None:
     """
     console.print(Text(_headline(data), style=f"bold {_COLOURS.get(data.status, 'red')}"))
     console.print(Text(data.message))
+    if data.without_margin:
+        console.print(Text(data.without_margin, style="yellow"))
     if data.learning and data.learning.rows:
         print_whole(iterations_table(data.learning.rows), console)
         console.print(Text(legend(data.learning.rows), style="dim"))
@@ -360,6 +366,7 @@ def write_page(data: Summary, folder: Path) -> None:
         folder: folder of the run.
     """
     title = escape(_headline(data))
+    sentences = "".join(f"<p>{escape(text)}</p>\n" for text in (data.message, data.without_margin) if text)
     iterations = _iterations(data.learning.rows if data.learning else [])
     tables = iterations + "".join(f"<h2>{escape(name)}</h2>\n{_table(lines)}" for name, lines in sections(data))
     paths = [path for pattern in FIGURES for path in sorted((folder / "figures").glob(pattern))]
@@ -367,7 +374,7 @@ def write_page(data: Summary, folder: Path) -> None:
     page = (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         f'<meta name="viewport" content="width=device-width, initial-scale=1"><title>{title}</title>'
-        f"<style>{_STYLE}</style></head>\n<body><h1>{title}</h1>\n<p>{escape(data.message)}</p>\n{tables}{figures}</body></html>\n"
+        f"<style>{_STYLE}</style></head>\n<body><h1>{title}</h1>\n{sentences}{tables}{figures}</body></html>\n"
     )
     write_text(folder / PAGE, page)
 

@@ -76,11 +76,15 @@ def work() -> None:
 
 
 def _take_standard_streams() -> tuple[int, int]:
-    """Keep the pipes for messages alone: tasks read an empty input and print to the standard error."""
+    """Keep the pipes for messages alone: tasks read an empty input and print to the standard error.
+
+    Libraries in C write to descriptor 1, which becomes the null device.
+    """
     pipes = os.dup(0), os.dup(1)
     null = os.open(os.devnull, os.O_RDWR)
     os.dup2(null, 0)
-    os.dup2(null if sys.stderr is None else 2, 1)
+    os.dup2(null, 1)
+    sys.stdout = sys.stderr
     return pipes
 
 

@@ -252,7 +252,9 @@ def test_a_tray_that_cannot_hold_its_objects_at_rest_is_infeasible_and_says_why(
     assert (data["status"], data["error"]["kind"]) == ("infeasible", "infeasible")
 
 
-def test_a_plan_that_fails_its_certificate_is_not_reported_as_solved(run, monkeypatch):
+@pytest.fixture
+def too_fast(monkeypatch):
+    """Make every plan exceed its limits."""
     honest = plan_run.solve
 
     def hasty(problem):
@@ -262,12 +264,30 @@ def test_a_plan_that_fails_its_certificate_is_not_reported_as_solved(run, monkey
         return replace(plan, x=1.5 * plan.x, u=1.5 * plan.u, duration=plan.duration / 1.5**0.5)
 
     monkeypatch.setattr(plan_run, "solve", hasty)
+
+
+@pytest.mark.usefixtures("too_fast")
+def test_a_plan_that_fails_its_certificate_is_not_reported_as_solved(run):
     code, out, err = run("plan", WAITER, *SMALL, "--out", "here")
     assert (code, err) == (4, "")
     assert "waiter-two-blocks: certificate failed" in out
     assert "solved" not in out
     code, out, _ = run("plan", WAITER, *SMALL, "--json")
     assert json.loads(out)["error"]["kind"] == "certificate failed"
+
+
+@pytest.mark.usefixtures("too_fast")
+@pytest.mark.parametrize("command", ["plan", "execute"])
+def test_a_rejected_plan_leaves_nothing_to_run(run, tmp_path, command):
+    assert run(command, WAITER, *SMALL, "--out", "here", "--quiet")[0] == 4
+    assert files(tmp_path / "here") == {"config.yaml", "provenance.json", "summary.json", "report.html"}
+    assert "is rejected" in (tmp_path / "here" / "report.html").read_text()
+    (listed,) = json.loads(run("runs", ".", "--json")[1])["runs"]
+    assert (listed["state"], listed["status"]) == ("rejected", "certificate failed")
+    code, out, err = run("execute", "here", "--out", "there")
+    assert (code, out) == (2, "")
+    assert err == "error: here: its plan failed its certificate and was rejected; expected one that passed\n"
+    assert not (tmp_path / "there").exists()
 
 
 def test_a_limit_that_no_forces_hold_is_the_smallest_margin():

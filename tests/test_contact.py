@@ -23,6 +23,7 @@ from robustopt.limits.systems import ContactSystem, carried, object_systems
 from robustopt.solvers import build_problem
 from robustopt.solvers.force_program import ForceProgram, missing_rows
 from robustopt.solvers.plan import interval_ends
+from robustopt.solvers.trajectory import binding_shares
 
 SQUARE = rectangle(np.zeros(2), np.array([0.1, 0.1]))
 PATCHES = {
@@ -490,3 +491,25 @@ def test_like_facets_are_neighbours() -> None:
         for rows in (facets, facets[np.random.default_rng(0).permutation(len(facets))])
     ]
     assert reach[0] < 0.5 * reach[1]
+
+
+@pytest.mark.parametrize(
+    "uncertainty", [{}, {"contact_points": 0.002}, {"center_of_mass": {"mug": [0.002, 0.002, 0.01]}}]
+)
+@pytest.mark.parametrize("points", [8, 16])
+@pytest.mark.parametrize("method", ["reachability", "ipopt"])
+def test_a_cylinder_that_tips_over_a_point_of_its_rim_tips(method: str, points: int, uncertainty: dict) -> None:
+    """It may also turn about the point, which bounds it as much: friction was named, although it does not matter."""
+    mug = {"shape": "cylinder", "radius": 0.03, "height": 0.16, "mass": 0.5}
+    durations = []
+    for mu in (0.9, 5.0):
+        config = scene(
+            objects={"mug": mug}, contact={"friction": mu, "patch_points": points}, uncertainty=uncertainty,
+            solver={"collocation_points": 40}, robot_keys={"limits": {"x": {"acceleration": 50.0}}},
+        )  # fmt: skip
+        plan = plan_of(config, method)
+        durations.append(plan.duration)
+        assert binding_shares(plan) == {"tipping of mug over tray": pytest.approx(1.0)}
+    assert durations[0] == pytest.approx(durations[1], rel=1e-6)
+    if not uncertainty:
+        assert durations[0] == pytest.approx(bang_bang(1.0, G * 0.03 / 0.08), rel=1e-6)

@@ -11,6 +11,8 @@ from scenes import FLAT, WAITERS, G, plan_of, scene, waiter
 
 from robustopt.config import Config
 from robustopt.config.load import with_values
+from robustopt.errors import ConfigError
+from robustopt.limits import TimeScalingProblem
 from robustopt.solvers import Status, build_problem, solve
 from robustopt.solvers.diagnosis import Diagnosis, Remedy, diagnose
 
@@ -266,3 +268,129 @@ def test_plans_that_exist_have_no_conflict(name: str) -> None:
     plan = solve(build_problem(waiter(name, "solver.collocation_points=20")), "reachability")
     with pytest.raises(ValueError, match="only an infeasible plan"):
         diagnose(plan)
+
+
+# What is printed is true ---------------------------------------------------------------------------------
+
+
+def changed(config: Config, sentence: str) -> Config:
+    """The configuration after the changes of a remedy, read from its text alone."""
+    data = config.model_dump()
+    for change in sentence.rsplit(" (", 1)[0].split(" and "):
+        key, rest = change.split(": ")
+        key, _, note = key.partition(", ")
+        _, _, value, _, _, before = rest.split()
+        *path, last = key.split(".")
+        section: Any = data
+        for name in path:
+            section = section.setdefault(name, {})
+        factor, given = float(value) / float(before), section.get(last)
+        if note == "width":
+            low, high = given
+            mass = data["objects"][last]["mass"]
+            section[last] = [mass - factor * (mass - low), mass + factor * (high - mass)]
+        elif note:
+            scaled = float(value) / max(given.values() if isinstance(given, dict) else given)
+            section[last] = (
+                {name: scaled * one for name, one in given.items()}
+                if isinstance(given, dict)
+                else [scaled * one for one in given]
+            )
+        elif isinstance(given, tuple):
+            section[last] = [float(value), max(float(value), given[1])]
+        else:
+            section[last] = float(value)
+    return Config.model_validate({**data, "folder": config.folder})
+
+
+BOX = {"shape": "box", "size": [0.1, 0.1, 0.1], "mass": 0.5}
+CENTRE = {"center_of_mass": {"box": [0.045, 0.0, 0.0]}}
+WEAK = cups((-0.04, 0.0, 0.02), (0.04, 0.0, 0.02), force=2.0)
+LIFT = {"limits": {"z": {"torque": 35.0}}}
+INFEASIBLE = {
+    "friction": lambda: tilted(0.2, {"box": BOX}, contact={"friction": 0.1}),
+    "interval of friction": lambda: tilted(
+        0.31, {"box": BOX}, contact={"friction": 0.2}, uncertainty={"friction": [0.1, 0.5]}
+    ),
+    "two frictions": lambda: tilted(
+        0.2,
+        {"a": BOX | {"at": [-0.2, 0.0]}, "b": BOX | {"at": [0.2, 0.0]}},
+        contact={"friction": {"a": 0.1, "b": 0.15}},
+    ),
+    "centre": lambda: tilted(0.3, {"box": BOX}, contact={"friction": 1.0}, uncertainty=CENTRE),
+    "points": lambda: tilted(0.3, {"box": BOX}, contact={"friction": 1.0}, uncertainty={"contact_points": 0.04}),
+    "friction and centre": lambda: tilted(0.3, {"box": BOX}, contact={"friction": 0.2}, uncertainty=CENTRE),
+    "friction and centre both ways": lambda: tilted(
+        0.3, {"box": BOX}, contact={"friction": 0.2}, uncertainty={"center_of_mass": {"box": [0.045, 0.045, 0.0]}}
+    ),
+    "acceleration": lambda: scene(
+        robot_keys={"limits": {"x": {"acceleration": 1.0}}},
+        uncertainty={"joint_acceleration": {"deviation": 0.75, "K": 2.0}},
+    ),
+    "torque": lambda: scene("lift", objects={"block": FLAT}, robot_keys={"limits": {"z": {"torque": 20.0}}}),
+    "mass": lambda: scene(
+        "lift", objects={"block": FLAT}, robot_keys=LIFT, uncertainty={"mass": {"block": [0.4, 0.7]}}
+    ),
+    "on the way": lambda: rocking(0.5),
+    "together": lambda: rocking(
+        0.5, robot_keys={"limits": {"x": {"acceleration": 0.05}}}, contact={"friction": 0.45}
+    ),
+    "cups": lambda: holding(WEAK, mu=0.4),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("method", ["reachability", "ipopt"])
+@pytest.mark.parametrize("name", INFEASIBLE)
+def test_what_a_diagnosis_says_is_true(name: str, method: str) -> None:
+    """Each remedy, applied with the digits that are shown, makes the task feasible; each conflict is irreducible."""
+    config = with_values(INFEASIBLE[name](), {"solver.method": method, "solver.collocation_points": 30})
+    plan = plan_of(config)
+    found = diagnose(plan)
+    assert found.remedies
+    for item in found.remedies:
+        assert item.enough
+        assert plan_of(changed(config, item.sentence)).status is Status.SOLVED, item.sentence
+    for conflict in found.conflicts:
+        assert solve(plan.problem.only(conflict), "reachability").status is Status.INFEASIBLE
+        for limit in conflict:
+            assert has_solution(plan.problem.only([other for other in conflict if other != limit]))
+
+
+def has_solution(problem: TimeScalingProblem) -> bool:
+    try:
+        return solve(problem, "reachability").status is Status.SOLVED
+    except ConfigError:  # nothing bounds the speed
+        return True
+
+
+def test_two_changes_that_are_needed_together_are_named_together() -> None:
+    """Friction of 2.049 was asked for, which the slipping of the box with its centre at the edge needs."""
+    (item,) = diagnosed(INFEASIBLE["friction and centre"]()).remedies
+    assert item.sentence == (
+        "contact.friction: at least 0.3094 instead of 0.2 and "
+        "uncertainty.center_of_mass.box, largest: at most 0.03453 instead of 0.045 (enough together)"
+    )
+    assert 0.3093 < np.tan(0.3) < 0.3094
+    assert 0.03453 < 0.05 - 0.05 * np.tan(0.3) < 0.03454
+
+
+def test_conflicts_elsewhere_on_the_path_are_said_to_be_there() -> None:
+    """A gripper at the start and a shoulder at the end were both said to be in conflict at the start."""
+    found = diagnosed(
+        scene(
+            "tilting_slide",
+            objects={"mid": FLAT | {"at": [-0.2, 0.0]}, "slick": FLAT | {"at": [0.2, 0.0]}},
+            joints=[[0.0, 0.15], [0.5, 0.4]],
+            contact={"friction": {"slick": 0.1, "mid": 0.3}},
+        )
+    )
+    assert found.conflicts == (("slip of slick on tray",), ("slip of mid on tray",))
+    assert found.sentence == (
+        "At s = 0 (at joints[0]) the robot cannot stand still. "
+        "Limits in conflict: slip of slick on tray; slip of mid on tray at s = 1 (at joints[1])."
+    )
+    (item,) = found.remedies
+    assert item.sentence == (
+        "contact.friction.mid: at least 0.4228 instead of 0.3 and "
+        "contact.friction.slick: at least 0.4228 instead of 0.1 (enough together)"
+    )

@@ -49,7 +49,7 @@ def test_rows_of_a_certificate_fit_on_a_line_each() -> None:
     lines = printed(rows)
     assert len(lines) == len(rows)
     assert rows[1].value == "0 % of the limit: joint5 acceleration"
-    assert rows[2].value == "-0.07 % of the limit: joint5 acceleration"
+    assert rows[2].value == "within tolerance (0.07 % over): joint5 acceleration"
     assert rows[4].value.endswith(", between grid points")
 
 

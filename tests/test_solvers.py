@@ -18,7 +18,7 @@ from robustopt.config.load import with_values
 from robustopt.limits import TimeScalingProblem
 from robustopt.limits.polygons import evaluate, facet_family
 from robustopt.solvers import Plan, Status, build_problem, solve
-from robustopt.solvers.plan import duration_of, interval_ends, timing
+from robustopt.solvers.plan import duration_of, interval_ends, outcome, timing
 from robustopt.solvers.reachability import passes, solve_reachability
 
 METHODS = ("reachability", "ipopt")
@@ -50,7 +50,7 @@ def test_a_plan_keeps_the_contract(name: str, method: str) -> None:
     problem, plan = problem_of(name, 60), solved(name, 60, method)
     P = len(problem.s)
     assert plan.method == method
-    assert plan.message == Status.SOLVED.sentence
+    assert plan.message == outcome(Status.SOLVED, plan.problem)
     assert plan.x.shape == plan.s.shape == plan.piece.shape == (P,)
     assert plan.u.shape == (P - 1,)
     assert not plan.x.flags.writeable

@@ -115,7 +115,11 @@ class Worst:
     def __str__(self) -> str:
         place = "at a grid point" if self.on_grid else "between grid points"
         left = "not held by any forces"
-        if np.isfinite(self.margin):
+        if -BETWEEN_TOLERANCE <= self.margin < 0.0 and not self.on_grid:
+            left = f"within the tolerance of {100 * BETWEEN_TOLERANCE:g} %, {-100 * self.margin:.2g} % beyond the limit"
+        elif -GRID_TOLERANCE <= self.margin < 0.0:
+            left = "0 % of the limit left"
+        elif np.isfinite(self.margin):
             left = f"{100 * self.margin:.3g} % of the limit left"
         return f"{self.limit}: {left} at t = {self.t:.3f} s, s = {self.s:.4f}, {place}"
 
@@ -273,7 +277,9 @@ def _passes(found: Found, on_grid: bool) -> bool:
 
 
 def _worst(tally: Tally, at: Instants) -> Worst:
-    found = max(tally.worst.values(), key=lambda found: found.utilisation)
+    """Return the worst utilisation, of those that exceed their tolerance if there are any."""
+    worst = tally.worst.items()
+    _, found = max(worst, key=lambda item: (not _passes(item[1], item[0][1]), item[1].utilisation))
     t = found.instant
     place = float(at.s[t]), float(at.t[t]), bool(at.grid[t])
     return Worst(found.limit, 1.0 - found.utilisation, *place, dict(found.parameters))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import atexit
-import io
 import os
 import signal
 import sys
@@ -26,15 +25,7 @@ from robustopt.cli.commands import (
     make_plan,
     print_dry_run,
 )
-from robustopt.cli.terminal import (
-    Output,
-    fail,
-    open_closed_streams,
-    print_json,
-    show,
-    show_runs,
-    show_warnings_as_notes,
-)
+from robustopt.cli.terminal import Output, fail, own_stdout, prepare_streams, print_json, show, show_runs
 from robustopt.errors import ConfigError, RobustOptError
 from robustopt.interruption import INTERRUPTED, STOPS, Kept, interruptions, listen, on_interrupt
 from robustopt.processes import end_processes
@@ -240,7 +231,7 @@ def runs(
     folder: Annotated[Path, typer.Argument(metavar="[FOLDER]", help="list the runs in this folder")] = Path("results"),
     json: Json = False,
 ) -> int:
-    """List runs and their state: complete, running, or to be resumed."""
+    """List runs and their state: complete, rejected, running, resumable or damaged."""
     from robustopt.runs.listing import runs as found
 
     records = found(folder)
@@ -360,15 +351,12 @@ def main() -> None:
 
     Linear algebra uses one thread: the matrices are small, and sums then do not depend on the load of the machine.
     """
-    open_closed_streams()
+    prepare_streams(quiet=not {"-q", "--quiet"}.isdisjoint(sys.argv))
     ending = _Ending()
     atexit.register(ending.end_at_once)  # before all others, so that it is called after them
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     listen()
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")
-    show_warnings_as_notes(quiet=not {"-q", "--quiet"}.isdisjoint(sys.argv))
+    own_stdout()
     try:
         ending.code = run(sys.argv[1:])
     except KeyboardInterrupt:  # once more, while the first one was being reported

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextlib import contextmanager, nullcontext, redirect_stdout, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -40,22 +41,48 @@ def console(stderr: bool = False) -> Console:
     return Console(stderr=stderr, highlight=False)
 
 
-def status(text: str, silent: bool) -> AbstractContextManager[object]:
+def own_stdout() -> None:
+    """Keep the standard output of this process for what robustopt prints.
+
+    Libraries in C write to descriptor 1, which becomes the null device; `sys.stdout` is given a copy of the former one.
+    """
+    if not isinstance(sys.stdout, io.TextIOWrapper) or sys.stdout is not sys.__stdout__:
+        return  # closed, or replaced by a program that calls the command
+    sys.stdout.flush()
+    kept, null = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null, 1)
+    os.close(null)
+    sys.stdout = os.fdopen(kept, "w", encoding=sys.stdout.encoding, errors=sys.stdout.errors)
+
+
+@contextmanager
+def quiet_libraries() -> Iterator[None]:
+    """Drop what libraries in Python print within this block, in which robustopt prints nothing to standard output."""
+    with open(os.devnull, "w") as null, redirect_stdout(null):
+        yield
+
+
+@contextmanager
+def status(text: str, silent: bool) -> Iterator[None]:
     """Show a line about the current step, if the output is a terminal."""
-    return nullcontext() if silent or not sys.stderr.isatty() else console(stderr=True).status(text)
+    shown = nullcontext() if silent or not sys.stderr.isatty() else console(stderr=True).status(text)
+    with quiet_libraries(), shown:
+        yield
 
 
 @contextmanager
 def trials_bar(silent: bool) -> Iterator[Progress | None]:
     """Show a progress bar of the trials with the success rate so far, if the output is a terminal."""
     if silent or not sys.stderr.isatty():
-        yield None
+        with quiet_libraries():
+            yield None
         return
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
     from rich.progress import Progress as Bar
 
     columns = (TextColumn("trials"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[success]}"))
-    with Bar(*columns, TimeRemainingColumn(), console=console(stderr=True), transient=True) as bar:
+    shown = Bar(*columns, TimeRemainingColumn(), console=console(stderr=True), transient=True)
+    with quiet_libraries(), shown as bar:
         task = bar.add_task("trials", total=None, success="")
 
         def update(done: int, total: int, successes: int) -> None:
@@ -68,7 +95,8 @@ def trials_bar(silent: bool) -> Iterator[Progress | None]:
 def learning_table(silent: bool) -> Iterator[Callable[[Learned], None] | None]:
     """Show the iterations so far and the current one, if the output is a terminal."""
     if silent or not sys.stderr.isatty():
-        yield None
+        with quiet_libraries():
+            yield None
         return
     from rich.console import Group
     from rich.live import Live
@@ -79,7 +107,8 @@ def learning_table(silent: bool) -> Iterator[Callable[[Learned], None] | None]:
     from robustopt.runs.learning_summary import row_record, trial_record
 
     beginning = Spinner("dots", "planning")  # several parameters begin with a grid of plans, which may take minutes
-    with Live(beginning, console=console(stderr=True), transient=True, refresh_per_second=8) as live:
+    shown = Live(beginning, console=console(stderr=True), transient=True, refresh_per_second=8)
+    with quiet_libraries(), shown as live:
 
         def update(learned: Learned) -> None:
             records = [row_record(learned, row) for row in learned.rows]
@@ -119,11 +148,22 @@ def say(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
-def open_closed_streams() -> None:
-    """Let a standard stream that was closed lead nowhere: the next file that is opened would take its place."""
+def prepare_streams(quiet: bool) -> None:
+    """Prepare the standard streams of this process for people.
+
+    Characters that a terminal lacks are replaced, and the warnings of libraries become notes. A stream that was closed
+    leads nowhere; otherwise the next file that is opened would take its place.
+
+    Args:
+        quiet: whether warnings are left out.
+    """
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
+    show_warnings_as_notes(quiet)
 
 
 def show_warnings_as_notes(quiet: bool) -> None:

@@ -162,6 +162,22 @@ def patch_cone(polygon: Array, edges: int) -> UnitCone | None:
     return _unit_cone(tuple(map(tuple, np.round(polygon / _size(polygon), 12).tolist())), edges)
 
 
+def tipping_facets(polygon: Array) -> Array:
+    """Return the rows that keep a body from tipping over the edges of its patch, scaled as those of `patch_facets`.
+
+    Args:
+        polygon: corners of the patch, counter-clockwise about the origin (n, 2) [m].
+
+    Returns:
+        Rows (n, 6), moments about the origin of the plane.
+    """
+    along = np.roll(polygon, -1, axis=0) - polygon
+    normal = np.column_stack([along[:, 1], -along[:, 0]])
+    normal /= (normal * polygon).sum(axis=1, keepdims=True)
+    none, unit = np.zeros(len(polygon)), np.ones(len(polygon))
+    return np.column_stack([none, none, -unit, normal[:, 1], -normal[:, 0], none])
+
+
 def patch_facets(polygon: Array, mu: float, edges: int) -> Array:
     """Return the facets of the wrench cone of a flat patch, moments about the origin of its plane, (F, 6).
 

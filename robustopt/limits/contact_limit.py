@@ -113,6 +113,19 @@ class ContactLimit:
             most[:, k] = values[:, self.kinds == k].max(axis=1, initial=-np.inf)
         return np.where(self.holds_at(points)[:, None], most * (self.weight / self.capacity), -np.inf)
 
+    def tips(self, u: Array, x: Array, points: Indices, tolerance: float) -> Flags:
+        """Return whether a row of the system that bounds tipping or peeling binds, (M,).
+
+        Args:
+            u: sdd (M,).
+            x: sd^2 (M,).
+            points: grid point of each (M,).
+            tolerance: fraction of the weight within which a row binds.
+        """
+        rows = self.system.facets[self.system.kinds == TIPS] / self.weight
+        values = evaluate(facet_family(rows, self.loads, np.zeros(len(rows), dtype=np.int64)), points, u, x)
+        return np.asarray(values.max(axis=1, initial=-np.inf) > -tolerance) & self.holds_at(points)
+
     @property
     def capacity(self) -> float:
         """Return the normal force that the contact has to offer [N]: the forces that press, or else the weight."""

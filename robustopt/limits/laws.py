@@ -34,6 +34,7 @@ from robustopt.limits.cones import (
     merge_close,
     patch_cone,
     scaled,
+    tipping_facets,
     wrench_generators,
 )
 from robustopt.limits.names import LimitKind, LimitName
@@ -54,16 +55,19 @@ class Link:
         patches: the patches.
         generators: edges of the friction cones, then the vacuums if there are any (d, k).
         edges_of_friction: number of the first kind.
-        rows: rows of the cone (F, d), or None if they are too many or cannot be resolved.
+        rows: rows of the cone (F, d).
         tips: whether each row bounds tipping or peeling (F,).
+        complete: whether the rows describe the whole cone; otherwise they are too many, cannot be resolved, or are
+            unknown.
         twist: rows of the twist, if the pressure is prescribed (T, d).
     """
 
     patches: tuple[Patch, ...]
     generators: Array
     edges_of_friction: int
-    rows: Array | None
+    rows: Array
     tips: Flags
+    complete: bool
     twist: Array
 
     @property
@@ -147,24 +151,26 @@ def _into_patch(patch: Patch) -> Array:
     return into_axes(patch.axes) @ about_point(centre)
 
 
-def _rows(patch: Patch, mu: float, edges: int) -> tuple[Array | None, Flags]:
-    """Return the rows of the friction cone of a patch, or None, and whether each of them tips."""
+def _rows(patch: Patch, mu: float | None, edges: int) -> tuple[Array, Flags, bool]:
+    """Return rows of the friction cone of a patch, whether each of them tips, and whether they are all.
+
+    Those that tip are always among them; `mu` is None if it differs between the points.
+    """
     _, local = _centred(patch)
-    cone = patch_cone(local, edges)
-    if cone is None:
-        return None, NO_TIPS
-    return scaled(cone, local, mu) @ _into_patch(patch), cone.tips
+    cone = None if mu is None else patch_cone(local, edges)
+    if cone is None or mu is None:
+        return tipping_facets(local) @ _into_patch(patch), np.ones(len(local), dtype=bool), False
+    return scaled(cone, local, mu) @ _into_patch(patch), cone.tips, True
 
 
 def _users(patch: Patch, generators: Array) -> Link:
     """Return a contact with the law of a user, for which programs find the rows."""
-    return Link((patch,), generators, generators.shape[1], None, NO_TIPS, NO_ROWS)
+    return Link((patch,), generators, generators.shape[1], NO_ROWS, NO_TIPS, False, NO_ROWS)
 
 
 def _friction(patch: Patch, mu: float, edges: int) -> Link:
     generators = wrench_generators(patch.points, mu, edges, patch.axes)
-    rows, tips = _rows(patch, mu, edges)
-    return Link((patch,), generators, generators.shape[1], rows, tips, NO_ROWS)
+    return Link((patch,), generators, generators.shape[1], *_rows(patch, mu, edges), NO_ROWS)
 
 
 def _suction(
@@ -178,15 +184,14 @@ def _suction(
         [[*cones, -press], [np.zeros((len(lips), sum(cone.shape[1] for cone in cones))), np.eye(len(lips))]]
     )
     whole = _hull(lips)
-    rows, tips = _rows(whole, mu[0], edges) if len(set(mu)) == 1 else (None, NO_TIPS)
-    if rows is not None:
-        rows = np.column_stack([rows, rows @ press])
+    rows, tips, complete = _rows(whole, mu[0] if len(set(mu)) == 1 else None, edges)
+    rows = np.column_stack([rows, rows @ press])
     twist = np.zeros((0, 6 + len(lips)))
     if whole.fixed:
         centre, _ = _centred(whole)
         local = [(lip.points - centre) @ whole.axes[:, :2] for lip in nominal]
         twist = _extended(cup_rows(local, mu, edges, reach), _into_patch(whole))
-    return Link(lips, generators, generators.shape[1] - len(lips), rows, tips, twist)
+    return Link(lips, generators, generators.shape[1] - len(lips), rows, tips, complete, twist)
 
 
 @lru_cache(maxsize=64)
@@ -214,13 +219,14 @@ def _grip(
     closing = np.repeat([1.0, 0.0], [side.shape[1] for side in sides])
     generators = np.vstack([np.hstack(sides), closing])
     centre, _ = _centred(fixed)
-    rows = _grip_facets(driven, fixed, mu, edges)
+    facets = _grip_facets(driven, fixed, mu, edges)
+    rows = np.zeros((0, 7)) if facets is None else facets
     twist = np.zeros((0, 7))
     if driven.fixed:
         opposite, local = ((pad.points - centre) @ fixed.axes[:, :2] for pad in nominal)
         twist = _extended(grip_rows(opposite, local, mu, edges, reach), _into_patch(fixed))
-    tips = np.zeros(0 if rows is None else len(rows), dtype=bool)
-    return Link(pads, generators, generators.shape[1], rows, tips, twist)
+    tips = np.zeros(len(rows), dtype=bool)
+    return Link(pads, generators, generators.shape[1], rows, tips, facets is not None, twist)
 
 
 @lru_cache(maxsize=64)

@@ -175,7 +175,7 @@ def system_of(link: Link, load: tuple[str, ...], edges: int) -> ContactSystem:
     return ContactSystem(
         objects=(link.object,), loads=(load,), pressed=(link.object,) * link.forces, points=(np.zeros(3),),
         generators=link.generators, edges_of_friction=np.arange(link.generators.shape[1]) < link.edges_of_friction,
-        facets=facets, complete=link.rows is not None, kinds=kinds, names=link.names, edges=edges,
+        facets=facets, complete=link.complete, kinds=kinds, names=link.names, edges=edges,
         interfaces=tuple(patch.name for patch in link.patches),
     )  # fmt: skip
 
@@ -214,11 +214,9 @@ def _placed(link: Link, group: tuple[str, ...]) -> Array:
 
 def _explicit(link: Link) -> tuple[Array, Indices]:
     """Return the rows of a single contact, and the index of the name of each."""
-    dimension = len(link.generators)
-    rows = np.zeros((0, dimension)) if link.rows is None else link.rows
-    twist = link.twist.reshape(-1, dimension)
+    twist = link.twist.reshape(-1, len(link.generators))
     kinds = np.concatenate([link.tips.astype(np.intp), np.full(len(twist), TWIST, dtype=np.intp)])
-    return np.vstack([rows, twist]), kinds
+    return np.vstack([link.rows, twist]), kinds
 
 
 def _balance(group: tuple[str, ...], own: Sequence[Link]) -> LimitName:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from math import isfinite
+from math import inf, isfinite
 from typing import TYPE_CHECKING, Any
 
 from robustopt.arrays import Array
@@ -261,7 +261,7 @@ def made_again(planner: Planner, trial: Trial) -> PlanResult:
         RunFolderError: the plan has another duration than before.
     """
     result = planner.plan(trial.belief)
-    before, now = trial.duration, result.plan.duration
+    before, now = trial.duration, result.plan.duration if result.certified else inf
     assert before is not None, "a belief without a plan is not executed"
     if not abs(now - before) <= SAME_PLAN * before:
         found = f"made again it lasts {now:.9g} s" if isfinite(now) else "now there is no plan"

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from robustopt.config import Config
+from robustopt.config.margin import without_margin
 from robustopt.errors import ConfigError, RunFolderError
 from robustopt.files import read_bytes, written
 from robustopt.runs.origin import unchanged_config, write_origin
@@ -89,12 +90,14 @@ def execute_stored(
         progress: called after every chunk of trials.
 
     Raises:
-        RunFolderError: the run has no plan, or is not as it was written.
+        RunFolderError: the run has no plan or a rejected one, or is not as it was written.
         ConfigError: the plan depends on an override.
     """
     known = read_summary(folder)
     if known.duration is None:
         raise RunFolderError(f"{folder}: the run has no plan ({known.status}); expected one that was solved")
+    if known.rejected:
+        raise RunFolderError(f"{folder}: its plan failed its certificate and was rejected; expected one that passed")
     _require_free(overrides)
     config = unchanged_config(folder, overrides)
     plan = read_plan(config, folder / PLAN)
@@ -154,6 +157,7 @@ def _execution_summary(result: ExecutionResult) -> Summary:
         name=known.name,
         status=result.status,
         message=sentence(executions),
+        without_margin=without_margin(result.config) or None,
         success_rate=executions.success_rate,
         success_interval=executions.interval,
         executions=_executions_record(executions),

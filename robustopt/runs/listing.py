@@ -1,4 +1,4 @@
-"""Lists the runs below a folder, and whether each is complete, can be resumed, or is under way."""
+"""Lists the runs below a folder, and whether each is complete, rejected, can be resumed, or is under way."""
 
 from __future__ import annotations
 
@@ -45,8 +45,8 @@ def _listed(folder: Path) -> Listed:
     except RunFolderError:
         return Listed(folder=str(folder), created=created, state="damaged")
     return Listed(
-        folder=str(folder), created=created, name=data.name, kind=data.kind, state="complete", status=data.status,
-        duration=data.duration,
+        folder=str(folder), created=created, name=data.name, kind=data.kind,
+        state="rejected" if data.rejected else "complete", status=data.status, duration=data.duration,
     )  # fmt: skip
 
 

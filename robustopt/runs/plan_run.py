@@ -12,6 +12,7 @@ import numpy as np
 
 from robustopt.certificate import Certificate, certify
 from robustopt.config import Config
+from robustopt.config.margin import without_margin
 from robustopt.limits import TimeScalingProblem
 from robustopt.runs.origin import write_origin
 from robustopt.runs.records import CertificateRecord, DiagnosisRecord, GridRecord, ProblemSize, RunStatus, Summary
@@ -121,6 +122,7 @@ def summary(result: PlanResult) -> Summary:
         name=result.config.name,
         status=result.status,
         message=message,
+        without_margin=(without_margin(result.config) or None) if result.certified else None,
         method=plan.method,
         duration=plan.duration if certificate is not None else None,
         binding=binding_shares(plan) if certificate is not None else {},
@@ -146,13 +148,15 @@ def _certificate(certificate: Certificate, plan: Plan) -> CertificateRecord:
 def write_run(result: PlanResult, folder: Path, arguments: Sequence[str]) -> Summary:
     """Write the data of a run into a folder and return its summary; `report` writes figures and page.
 
+    A plan that failed its certificate is not written: a controller could run its files.
+
     Args:
         result: the plan and its certificate.
         folder: folder of the run.
         arguments: arguments of the command, for the record of its origin.
     """
     write_origin(folder, result.config, arguments)
-    if result.plan.status is Status.SOLVED:
+    if result.certified:
         result.plan.export(folder, result.config.output.period)
     data = summary(result)
     write_record(folder / SUMMARY, data)

@@ -149,6 +149,7 @@ class RemedyRecord(Record):
     needed: float
     limits: tuple[str, ...]
     enough: bool
+    together: tuple[RemedyRecord, ...] = ()
     sentence: str
 
 
@@ -159,6 +160,7 @@ class DiagnosisRecord(Record):
     s: float
     place: str
     conflicts: tuple[tuple[str, ...], ...]
+    places: tuple[str, ...] = ()
     remedies: tuple[RemedyRecord, ...]
     standstill: bool
     from_rest: bool
@@ -277,6 +279,7 @@ class Summary(Record):
 
     Attributes:
         kind, name, status, message: the command, the task, how it ended, and the same in sentences.
+        without_margin: sentence about the quantities for which the plan has no margin.
         method, duration: solver, and duration of the motion [s]; None without a plan.
         binding: share of the duration in which each limit binds.
         grid: accuracy of the grid; None if the number of its intervals was given.
@@ -290,6 +293,7 @@ class Summary(Record):
     name: str
     status: RunStatus
     message: str
+    without_margin: str | None = None
     method: str | None = None
     duration: float | None = None
     binding: dict[str, float] = {}
@@ -306,6 +310,11 @@ class Summary(Record):
     steps_per_second: Number = None
     plan_of: str | None = None
     learning: LearningRecord | None = None
+
+    @property
+    def rejected(self) -> bool:
+        """Whether the plan failed its certificate."""
+        return self.certificate is not None and not self.certificate.passed
 
 
 class ModelFile(Record):

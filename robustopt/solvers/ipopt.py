@@ -18,7 +18,7 @@ from scipy import sparse
 from robustopt.arrays import Array, Indices
 from robustopt.interruption import held
 from robustopt.limits import TimeScalingProblem
-from robustopt.solvers.plan import Plan, Status, duration_of, failed_plan, solved_plan
+from robustopt.solvers.plan import Plan, Status, duration_of, failed_plan, outcome, solved_plan
 from robustopt.solvers.reachability import passes
 
 SMALLEST_X = 1e-7
@@ -51,13 +51,13 @@ def solve_ipopt(problem: TimeScalingProblem, guess: Array | None = None) -> Plan
         stuck = int(np.argmin(problem.feasible))
     if stuck >= 0:
         figures = {"solver_seconds": time.perf_counter() - began}
-        return failed_plan(problem, Status.INFEASIBLE, "ipopt", Status.INFEASIBLE.sentence, stuck, figures)
+        return failed_plan(problem, Status.INFEASIBLE, "ipopt", outcome(Status.INFEASIBLE, problem), stuck, figures)
     scale = np.where(feasible_x > 0, feasible_x, problem.x_max)
-    x, outcome, iterations = _minimise(problem, feasible_x if guess is None else guess, scale, OPTIONS)
+    x, ended, iterations = _minimise(problem, feasible_x if guess is None else guess, scale, OPTIONS)
     figures = {"solver_seconds": time.perf_counter() - began, "ipopt_iterations": float(iterations)}
-    if outcome not in ("Solve_Succeeded", "Solved_To_Acceptable_Level"):
-        status = Status.ITERATION_LIMIT if outcome == "Maximum_Iterations_Exceeded" else Status.FAILED
-        return failed_plan(problem, status, "ipopt", f"{status.sentence} Ipopt says {outcome}.", -1, figures)
+    if ended not in ("Solve_Succeeded", "Solved_To_Acceptable_Level"):
+        status = Status.ITERATION_LIMIT if ended == "Maximum_Iterations_Exceeded" else Status.FAILED
+        return failed_plan(problem, status, "ipopt", f"{status.sentence} Ipopt says {ended}.", -1, figures)
     return solved_plan(problem, x, "ipopt", figures)
 
 

@@ -8,6 +8,15 @@ import numpy as np
 from robustopt.arrays import Array
 
 
+class _Silent(highspy.Highs):  # type: ignore[misc]
+    """HiGHS without output: since version 1.16 it prints its name and licence while it starts its callbacks."""
+
+    def enableCallbacks(self) -> None:  # noqa: N802
+        """Silence the output, then start the callbacks."""
+        self.setOptionValue("output_flag", False)
+        super().enableCallbacks()
+
+
 class LinearProgram:
     """The program min cost z such that row_lower <= matrix z <= row_upper and lower <= z.
 
@@ -31,7 +40,7 @@ class LinearProgram:
         model.a_matrix_.start_ = rows * np.arange(columns + 1)
         model.a_matrix_.index_ = np.tile(np.arange(rows), columns)
         model.a_matrix_.value_ = matrix.T.ravel()
-        self._highs = highspy.Highs()
+        self._highs = _Silent()
         for option, value in (("output_flag", False), ("presolve", "off"), ("threads", 1)):
             self._highs.setOptionValue(option, value)
         self._highs.passModel(model)

@@ -12,7 +12,9 @@ import numpy as np
 
 from robustopt.arrays import Array, Flags, Indices
 from robustopt.compiled import compiled
+from robustopt.config.margin import has_intervals
 from robustopt.limits import TimeScalingProblem
+from robustopt.limits.names import LimitName
 from robustopt.views import view
 
 if TYPE_CHECKING:
@@ -40,11 +42,22 @@ class Status(Enum):
 
 
 _SENTENCES = {
-    "solved": "The plan is the optimum for every value in the intervals.",
-    "infeasible": "No timing of the path satisfies the limits for every value in the intervals.",
+    "solved": "The plan is the optimum.",
+    "infeasible": "No timing of the path satisfies the limits.",
     "iteration limit": "The solver reached its iteration limit before the optimum.",
     "failed": "The solver stopped without an answer.",
 }
+
+
+def outcome(status: Status, problem: TimeScalingProblem) -> str:
+    """Return the outcome of a solver in words, which mention intervals if there are any.
+
+    Args:
+        status: the outcome.
+        problem: the problem.
+    """
+    scoped = status in (Status.SOLVED, Status.INFEASIBLE) and has_intervals(problem.config)
+    return f"{status.sentence.removesuffix('.')} for every value in the intervals." if scoped else status.sentence
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,9 +210,8 @@ def timed_plan(
     """
     for array in (x, u):
         array.flags.writeable = False
-    return Plan(
-        Status.SOLVED, Status.SOLVED.sentence, method, problem.s, problem.piece, x, u, duration, problem, statistics
-    )
+    message = outcome(Status.SOLVED, problem)
+    return Plan(Status.SOLVED, message, method, problem.s, problem.piece, x, u, duration, problem, statistics)
 
 
 def failed_plan(
@@ -227,19 +239,54 @@ def binding_rows(problem: TimeScalingProblem, x: Array, u: Array) -> Flags:
         x: sd^2 (P,).
         u: sdd on each interval (P - 1,).
     """
+    return np.asarray(_binding_ends(problem, x, u).any(axis=0))
+
+
+def _binding_ends(problem: TimeScalingProblem, x: Array, u: Array) -> Flags:
+    """Return whether each row binds at the start and at the end of each interval, (2, P - 1, m)."""
     at_start = problem.a[:-1] * u[:, None] + problem.b[:-1] * x[:-1, None] + problem.c[:-1] > -ACTIVE_TOLERANCE
     at_end = problem.a[1:] * u[:, None] + problem.b[1:] * x[1:, None] + problem.c[1:] > -ACTIVE_TOLERANCE
-    binding: Flags = (at_start | at_end) & (problem.ds > 0)[:, None]
-    return binding
+    return np.asarray(np.stack([at_start, at_end]) & (problem.ds > 0)[:, None])
 
 
 def _active(problem: TimeScalingProblem, x: Array, u: Array) -> tuple[tuple[str, ...], ...]:
     """Return the names of the limits that bind at either end of each interval, in the order of the columns."""
-    binding = binding_rows(problem, x, u)
-    names = [dict.fromkeys(problem.row_names[k] for k in np.flatnonzero(row)) for row in binding]
+    ends = _binding_ends(problem, x, u)
+    tipping = _tipping(problem, x, u, ends)
+    names: list[dict[str, None]] = [{} for _ in u]
+    for i, k in np.argwhere(ends.any(axis=0)):
+        name = problem.row_names[k]
+        names[i][tipping.get((i, name), name)] = None
     fast = (x >= problem.x_max * (1 - ACTIVE_TOLERANCE)) & (problem.x_max > 0)
     for i in np.flatnonzero(problem.ds > 0):
         for k in (i, i + 1):
             if fast[k]:
                 names[i][problem.x_max_names[k]] = None
     return tuple(tuple(row) for row in names)
+
+
+def _tipping(problem: TimeScalingProblem, x: Array, u: Array, ends: Flags) -> dict[tuple[int, str], LimitName]:
+    """Return the intervals and names of slip limits that are tipping or peeling, with the name of the latter.
+
+    A body that tips over a corner of its patch may also turn about this corner, so rows that bound slip bind together
+    with those of tipping, and any of them may have bounded (u, x). Friction does not matter then.
+
+    Args:
+        problem: the problem.
+        x: sd^2 (P,).
+        u: sdd on each interval (P - 1,).
+        ends: whether each row binds at the start and at the end of each interval (2, P - 1, m).
+    """
+    found: dict[tuple[int, str], LimitName] = {}
+    for limit in problem.limits.contacts:
+        slip, *others = limit.names
+        if not others or others[0] == slip:
+            continue
+        slips = np.asarray(ends[:, :, [name == slip for name in problem.row_names]].any(axis=2))
+        free = slips.copy()
+        for end in (0, 1):
+            at = np.flatnonzero(slips[end])
+            free[end, at] = ~limit.tips(u[at], x[at + end], at + end, ACTIVE_TOLERANCE)
+        for i in np.flatnonzero(slips.any(axis=0) & ~free.any(axis=0)):
+            found[int(i), slip] = others[0]
+    return found

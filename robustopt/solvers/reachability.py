@@ -17,7 +17,7 @@ import numpy as np
 from robustopt.compiled import compiled
 from robustopt.limits import TimeScalingProblem
 from robustopt.solvers.interior_point import polish
-from robustopt.solvers.plan import Plan, Status, controls_of, duration_of, failed_plan, timed_plan, timing
+from robustopt.solvers.plan import Plan, Status, controls_of, duration_of, failed_plan, outcome, timed_plan, timing
 
 FEASIBILITY = 1e-9
 """Fraction of its limit by which a row may be violated: the accuracy of a vertex of two rows in double precision."""
@@ -69,7 +69,8 @@ def _timed_passes(feasible, a, b, c, x_max, ds):
 
 def _stuck(problem: TimeScalingProblem, point: int, began: float) -> Plan:
     statistics = {"solver_seconds": time.perf_counter() - began}
-    return failed_plan(problem, Status.INFEASIBLE, "reachability", Status.INFEASIBLE.sentence, point, statistics)
+    message = outcome(Status.INFEASIBLE, problem)
+    return failed_plan(problem, Status.INFEASIBLE, "reachability", message, point, statistics)
 
 
 @compiled(error_model="numpy")

@@ -34,13 +34,15 @@ class Candidate:
         key: the key, as in the user's configuration.
         found: present value.
         generous: most generous value to try.
-        write: function that returns the changes of the configuration for a value.
+        write: function that returns the changes of a configuration for a value.
+        nominal: key and present value of the nominal value, which is raised with the lower end of its interval.
     """
 
     key: str
     found: float
     generous: float
-    write: Callable[[float], dict[str, Any]]
+    write: Callable[[Config, float], dict[str, Any]]
+    nominal: tuple[str, float] | None = None
 
     def value(self, share: float) -> float:
         """Return a value between the present and the most generous one.
@@ -52,13 +54,15 @@ class Candidate:
             return float(self.found * (self.generous / self.found) ** share)
         return self.found + share * (self.generous - self.found)
 
-    def changes(self, share: float) -> dict[str, Any]:
-        """Return the changes of the configuration, values by key.
+    def share(self, value: float) -> float:
+        """Return how far a value is on the way from the present to the most generous one, from 0 to 1.
 
         Args:
-            share: 0 for the present value, 1 for the most generous one.
+            value: the value.
         """
-        return self.write(self.value(share))
+        if self.generous > self.found > 0:
+            return float(np.log(value / self.found) / np.log(self.generous / self.found))
+        return (value - self.found) / (self.generous - self.found)
 
 
 def candidates(problem: TimeScalingProblem, conflict: Collection[str]) -> Iterator[Candidate]:
@@ -92,9 +96,9 @@ def _joint_candidates(robot: Robot, conflict: Collection[str]) -> Iterator[Candi
                 yield Candidate(key, limit, MOST_JOINT_LIMIT * limit, _written_at(key))
 
 
-def _written_at(key: str) -> Callable[[float], dict[str, Any]]:
+def _written_at(key: str) -> Callable[[Config, float], dict[str, Any]]:
     """Return a function that writes a value at a key."""
-    return lambda value: {key: value}
+    return lambda _, value: {key: value}
 
 
 def _force_candidates(config: Config, pressed: Collection[str]) -> Iterator[Candidate]:
@@ -106,7 +110,7 @@ def _force_candidates(config: Config, pressed: Collection[str]) -> Iterator[Cand
         force = held.tool.force
         low, high = force if isinstance(force, tuple) else (force, force)
 
-        def raised(value: float, key: str = key, high: float = high, given: Any = force) -> dict[str, Any]:
+        def raised(_: Config, value: float, key: str = key, high: float = high, given: Any = force) -> dict[str, Any]:
             return {key: [value, max(value, high)] if isinstance(given, tuple) else value}
 
         yield Candidate(key, low, MOST_FORCE * low, raised)
@@ -121,7 +125,9 @@ def _body_candidates(problem: TimeScalingProblem, loaded: set[str]) -> Iterator[
         low, high = uncertain.mass[name]
         mass = _mass(problem, name)
 
-        def narrowed(width: float, key: str = name, m: float = mass, a: float = low, b: float = high) -> dict[str, Any]:
+        def narrowed(
+            _: Config, width: float, key: str = name, m: float = mass, a: float = low, b: float = high
+        ) -> dict[str, Any]:
             share = width / (b - a)
             return {f"uncertainty.mass.{key}": [m - share * (m - a), m + share * (b - m)]}
 
@@ -154,7 +160,7 @@ def _error_candidates(config: Config) -> Iterator[Candidate]:
     error = config.uncertainty.joint_acceleration
     key = "uncertainty.joint_acceleration"
     if error is not None and error.K > 0 and np.any(np.asarray(error.deviation) > 0):
-        yield Candidate(f"{key}.K", error.K, 0.0, lambda value: {f"{key}.K": value})
+        yield Candidate(f"{key}.K", error.K, 0.0, _written_at(f"{key}.K"))
     if error is not None:
         mean = list(error.mean) if isinstance(error.mean, tuple) else error.mean
         yield from _shrinking(f"{key}.mean", "largest", float(np.max(np.abs(mean))), mean)
@@ -170,7 +176,7 @@ def _shrinking(key: str, note: str, largest: float, values: Any) -> Iterator[Can
 
     if largest > 0:
         label = key if isinstance(values, float) else f"{key}, {note}"
-        yield Candidate(label, largest, 0.0, lambda value: {key: scaled(values, value / largest)})
+        yield Candidate(label, largest, 0.0, lambda _, value: {key: scaled(values, value / largest)})
 
 
 def _friction_candidates(config: Config, touched: Collection[str]) -> Iterator[Candidate]:
@@ -191,10 +197,12 @@ def _friction_candidates(config: Config, touched: Collection[str]) -> Iterator[C
             groups[f"{base}.default"] = rest
     for key, names in groups.items():
 
-        def lifted(value: float, names: Sequence[str] = tuple(names)) -> dict[str, Any]:
+        def lifted(config: Config, value: float, names: Sequence[str] = tuple(names)) -> dict[str, Any]:
             return _with_friction(config, names, value)
 
-        yield Candidate(key, min(known[name][0] for name in names), MOST_FRICTION, lifted)
+        nominal = min(value_of(config.contact.friction, (name, config.interfaces[name]), 0.0) for name in names)
+        raised = None if interval is None else (key.replace("uncertainty", "contact"), nominal)
+        yield Candidate(key, min(known[name][0] for name in names), MOST_FRICTION, lifted, raised)
 
 
 def _with_friction(config: Config, names: Collection[str], value: float) -> dict[str, Any]:

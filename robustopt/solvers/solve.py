@@ -19,7 +19,7 @@ from robustopt.errors import ConfigError
 from robustopt.limits import TimeScalingProblem
 from robustopt.limits.names import LimitKind
 from robustopt.limits.track import MOST_SPEED
-from robustopt.solvers.plan import ACTIVE_TOLERANCE, Plan, Status, binding_rows, failed_plan, interval_ends
+from robustopt.solvers.plan import ACTIVE_TOLERANCE, Plan, Status, binding_rows, failed_plan, interval_ends, outcome
 from robustopt.solvers.reachability import solve_reachability
 
 if TYPE_CHECKING:  # HiGHS is loaded only when a program is needed
@@ -83,7 +83,7 @@ def _refused(problem: TimeScalingProblem, method: str) -> Plan | None:
         return failed_plan(problem, Status.FAILED, method, message, -1, {})
     at_rest = standstill(problem)
     if at_rest >= 0:
-        return failed_plan(problem, Status.INFEASIBLE, method, Status.INFEASIBLE.sentence, at_rest, {})
+        return failed_plan(problem, Status.INFEASIBLE, method, outcome(Status.INFEASIBLE, problem), at_rest, {})
     return None
 
 
