@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from robustopt.files import write_text
 from robustopt.runs.learning_table import legend, table
 from robustopt.runs.records import (
     CertificateRecord,
@@ -375,7 +376,7 @@ def write_page(data: Summary, folder: Path) -> None:
         f'<meta name="viewport" content="width=device-width, initial-scale=1"><title>{title}</title>'
         f"<style>{_STYLE}</style></head>\n<body><h1>{title}</h1>\n{sentences}{tables}{figures}</body></html>\n"
     )
-    (folder / PAGE).write_text(page, encoding="utf-8")
+    write_text(folder / PAGE, page)
 
 
 def _iterations(records: Sequence[Iteration]) -> str:

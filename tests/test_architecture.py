@@ -12,7 +12,7 @@ import pytest
 PACKAGE = Path(__file__).parent.parent / "robustopt"
 
 LAYERS = [
-    ["arrays", "compiled", "errors", "models", "tasks", "views", "worker"],
+    ["arrays", "compiled", "errors", "files", "models", "tasks", "views", "worker"],
     ["interruption"],
     ["processes"],
     ["config/document", "config/section"],
@@ -29,7 +29,7 @@ LAYERS = [
     ["config/load"],
     ["config", "config/schema"],
     ["robot/urdf_check", "robot/model_check"],
-    ["robot/urdf"],
+    ["robot/urdf", "robot/model_parts"],
     ["robot/model_file"],
     ["robot/locking", "robot/soles", "robot/hands", "robot/floating_base"],
     ["robot/preparation"],
@@ -72,7 +72,13 @@ LAYERS = [
     ["solvers/contact_forces"],
     ["certificate"],
     ["confidence"],
-    ["simulation/parameters", "simulation/controller", "simulation/disturbance", "simulation/simulation"],
+    [
+        "simulation/parameters",
+        "simulation/cluster",
+        "simulation/controller",
+        "simulation/disturbance",
+        "simulation/simulation",
+    ],
     ["simulation/physics", "simulation/outcome"],
     ["simulation/gains"],
     ["simulation/drives", "simulation/feedback"],

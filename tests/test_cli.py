@@ -197,7 +197,7 @@ BAD_CONFIGS = {
     ),
     "unreachable pose": (["path.tray_poses.1={position: [5, 0, 0.75]}"], "path.tray_poses[1]: "),
     "friction 0": (["contact.friction=0"], "contact.friction: found 0; expected a number from 1e-06 to 100"),
-    "2 grid points": (["solver.collocation_points=2"], "found 2; expected a whole number from 10 to 100000"),
+    "2 grid points": (["solver.collocation_points=2"], "found 2; expected a whole number from 10 to 20000"),
     "1,000,000 grid points": (
         ["solver.collocation_points=1000000"],
         "found 1000000; expected a whole number from 10 t",

@@ -215,8 +215,8 @@ WRONG_VALUES = [
     ("name: test-task", "name: 12", "name", 1, "found 12; expected text"),
     ("name: test-task", "name: x\nname: y", "name", 2, "found twice, the first time in line 1; expected once"),
     ("name: test-task", "name: x\nfolder: y", "folder", 2, "unknown key"),
-    ("200}", "2}", "solver.collocation_points", 14, "found 2; expected a whole number from 10 to 100000"),
-    ("200}", "1000000}", "solver.collocation_points", 14, "found 1000000; expected a whole number from 10 to 100000"),
+    ("200}", "2}", "solver.collocation_points", 14, "found 2; expected a whole number from 10 to 20000"),
+    ("200}", "1000000}", "solver.collocation_points", 14, "found 1000000; expected a whole number from 10 to 20000"),
     (
         "method: ipopt",
         "method: best",

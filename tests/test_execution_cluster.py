@@ -1,7 +1,9 @@
 """Trials on a Dask cluster: a real scheduler and two workers on this machine, one of which is killed."""
 
+import socket
 import subprocess
 import sys
+import threading
 import time
 from contextlib import nullcontext
 from pathlib import Path
@@ -12,13 +14,16 @@ from scenes import FIXTURES, FLAT, scene
 from robustopt import cli
 from robustopt.cli import commands
 from robustopt.config.load import dump
+from robustopt.errors import SimulationFailed
 from robustopt.runs.store import read_summary
+from robustopt.simulation import cluster as cluster_module
 from robustopt.simulation import monte_carlo
+from robustopt.simulation.cluster import on_cluster
 
 
 @pytest.fixture
 def cluster(tmp_path):
-    """Address of a scheduler, and its two workers."""
+    """Address of a scheduler, its two workers, and the process of the scheduler."""
     file = tmp_path / "scheduler.json"
     common = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": tmp_path}
     dask = [sys.executable, "-m", "dask"]
@@ -30,7 +35,7 @@ def cluster(tmp_path):
         workers = [subprocess.Popen([*dask, *worker], **common) for _ in range(2)]
         processes += workers
         _wait_for_workers(address, 2)
-        yield address, workers
+        yield address, workers, processes[0]
     finally:
         for process in processes[::-1]:
             process.kill()
@@ -59,7 +64,7 @@ def _wait_for_workers(address: str, count: int) -> None:
 @pytest.mark.slow
 def test_workers_and_a_cluster_that_loses_one_change_no_byte(cluster, tmp_path, monkeypatch):
     """The command with one process, with two, and on a cluster of which a worker is killed on the way."""
-    address, workers = cluster
+    address, workers, _ = cluster
     truth = {"friction": 0.5, "variation": {"friction": 0.1}}
     config = scene(
         objects={"body": FLAT}, contact={"friction": 0.45}, execution={"truth": truth},
@@ -79,18 +84,18 @@ def test_workers_and_a_cluster_that_loses_one_change_no_byte(cluster, tmp_path, 
 
     one, two = executions("one"), executions("two", "--workers", "2")
     monkeypatch.setattr(commands, "trials_bar", lambda silent: nullcontext(kill_one))
-    on_cluster = executions("cluster", "--backend", "dask", "--scheduler", address)
+    by_dask = executions("cluster", "--backend", "dask", "--scheduler", address)
     assert workers[0].wait(10) != 0
     assert workers[1].poll() is None
     assert one.count(b"\n") == 151
-    assert one == two == on_cluster
+    assert one == two == by_dask
     feedback = [read_summary(tmp_path / name).executions.feedback for name in ("one", "two", "cluster")]
     assert feedback[0] == feedback[1] == feedback[2]
 
 
 def test_a_scheduler_that_is_not_there_is_named(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(monte_carlo, "CONNECT", 1)
+    monkeypatch.setattr(cluster_module, "CONNECT", 1)
     task = Path(__file__).parents[1] / "configs" / "waiter_one_block.yaml"
     small = ["solver.method=reachability", "solver.collocation_points=60"]
     assert cli.run(["execute", str(task), *small, "--backend", "dask", "--scheduler", "tcp://127.0.0.1:9"]) == 5
@@ -98,3 +103,41 @@ def test_a_scheduler_that_is_not_there_is_named(capsys, tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
     assert cli.run(["execute", str(task), "--backend", "dask"]) == 2
     assert "--backend dask and --scheduler tcp://HOST:PORT go together" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("answer", [b"", None, b"HTTP/1.1 400 Bad Request\r\n\r\n"], ids=["closes", "silent", "web"])
+def test_an_address_that_is_no_scheduler_is_told_soon(monkeypatch, answer):
+    monkeypatch.setattr(cluster_module, "CONNECT", 1)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        callers = []
+
+        def serve() -> None:
+            while True:
+                try:
+                    caller, _ = server.accept()
+                except OSError:
+                    return
+                callers.append(caller)
+                if answer is not None:
+                    caller.sendall(answer)
+                    caller.shutdown(socket.SHUT_RDWR)
+
+        threading.Thread(target=serve, daemon=True).start()
+        start = time.monotonic()
+        with pytest.raises(SimulationFailed, match="cannot be reached"):
+            list(on_cluster(len, [("abc",)], f"tcp://127.0.0.1:{server.getsockname()[1]}"))
+        assert time.monotonic() - start < 15
+        for caller in callers:
+            caller.close()
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_dies_is_a_failure(cluster):
+    address, _, scheduler = cluster
+    results = on_cluster(time.sleep, [(1.0,)] * 100, address)
+    assert next(results) is None
+    scheduler.kill()
+    start = time.monotonic()
+    with pytest.raises(SimulationFailed, match="The Dask cluster died"):
+        list(results)
+    assert time.monotonic() - start < 30

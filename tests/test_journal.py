@@ -215,14 +215,17 @@ def test_pages_that_were_overwritten_are_damage(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("command", "plan"),
+    ("command", "found"),
     [
-        ("UPDATE plans SET belief = '{' WHERE plan = 1", 1),
-        ("UPDATE executions SET total = '[1, \"x' WHERE number = 0", 0),
-        ("UPDATE executions SET total = 'null' WHERE number = 0", 0),
+        ("UPDATE plans SET belief = '{' WHERE plan = 1", "plan 1"),
+        ("UPDATE plans SET duration = x'00ff' WHERE plan = 1", "plan 1"),
+        ("UPDATE executions SET total = '[1, \"x' WHERE number = 0", "execution 0"),
+        ("UPDATE executions SET total = 'null' WHERE number = 0", "execution 0"),
+        ("UPDATE executions SET success = 1 - success WHERE number = 0", "execution 0"),
     ],
 )
-def test_entries_that_make_no_sense_are_damage(tmp_path, command, plan):
+@pytest.mark.parametrize("old", [False, True])
+def test_entries_that_make_no_sense_are_damage(tmp_path, command, found, old):
     journal = begun(tmp_path)
     for k in range(2):
         journal.add_plan(Belief(0.5), 1.0)
@@ -231,8 +234,104 @@ def test_entries_that_make_no_sense_are_damage(tmp_path, command, plan):
     with sqlite3.connect(tmp_path / JOURNAL) as other:
         other.execute(command)
     other.close()
-    with pytest.raises(RunFolderError, match=f"damaged: plan {plan}"):
+    if old:
+        without_checksums(tmp_path / JOURNAL)
+        if "1 - success" in command:  # nothing tells
+            return
+    with pytest.raises(RunFolderError, match=f"damaged: {'(plan|execution) ' if old else found}"):
         list(Journal.open(tmp_path).entries())
+
+
+OLD_TABLES = """
+CREATE TABLE origin (executor TEXT NOT NULL);
+CREATE TABLE plans (plan INTEGER PRIMARY KEY, belief TEXT NOT NULL, duration REAL);
+CREATE TABLE executions (
+    number INTEGER PRIMARY KEY, plan INTEGER NOT NULL REFERENCES plans, speed REAL NOT NULL, success INTEGER NOT NULL,
+    status TEXT NOT NULL, what TEXT NOT NULL, t REAL, s REAL,
+    count INTEGER NOT NULL, total TEXT NOT NULL, squares TEXT NOT NULL
+);
+CREATE TABLE judgements (
+    plan INTEGER NOT NULL REFERENCES plans, number INTEGER NOT NULL, success INTEGER NOT NULL, status TEXT NOT NULL,
+    PRIMARY KEY (plan, number)
+);
+"""
+
+
+def without_checksums(path: Path) -> None:
+    """Make a journal one of version 0.1."""
+    with closing(sqlite3.connect(path, isolation_level=None)) as connection:
+        tables = ("origin", "plans", "executions", "judgements")
+        rows = {table: connection.execute(f"SELECT * FROM {table}").fetchall() for table in tables}
+        for table in tables:
+            connection.execute(f"DROP TABLE {table}")
+        connection.executescript(OLD_TABLES)
+        for table in tables:
+            for *values, _ in rows[table]:
+                connection.execute(f"INSERT INTO {table} VALUES ({', '.join('?' * len(values))})", values)
+
+
+def test_a_journal_of_an_earlier_version_is_continued(tmp_path):
+    journal = begun(tmp_path)
+    journal.add_plan(Belief(0.5), 1.0)
+    journal.add_executions(1.0, [execution(0)])
+    journal.close()
+    without_checksums(tmp_path / JOURNAL)
+    with closing(Journal.open(tmp_path)) as journal:
+        journal.add_executions(1.0, [execution(1, success=False)])
+        journal.add_plan(Belief(0.25), None)
+        journal.add_judgements(0, [execution(7)])
+    with closing(Journal.open(tmp_path)) as journal:
+        first, second = journal.entries()
+        assert [item.success for _, item in first.executions] == [True, False]
+        assert (second.belief, second.duration) == (Belief(0.25), None)
+        assert journal.judgements(0) == {7: (True, "success")}
+        assert journal.executor == SIMULATION
+
+
+def content(folder: Path) -> list[object]:
+    with closing(Journal.open(folder)) as journal:
+        return [journal.executor, list(journal.entries()), journal.judgements(0), journal.judgements(1)]
+
+
+def small(folder: Path) -> bytes:
+    """A journal with small pages: two plans, three executions and two judgements."""
+    Journal.create(folder, MANUAL)
+    with closing(sqlite3.connect(folder / JOURNAL, isolation_level=None)) as connection:
+        connection.execute("PRAGMA page_size = 512")
+        connection.execute("VACUUM")
+    with closing(Journal.open(folder)) as journal:
+        for k in range(2):
+            journal.add_plan(BELIEFS[k], 1.5)
+            journal.add_executions(1.0, [execution(k, success=not k, moments=Moments(2, (0.1,), (0.2,)))])
+        journal.add_judgements(0, [execution(5), execution(6, success=False)])
+    return (folder / JOURNAL).read_bytes()
+
+
+@pytest.mark.parametrize("every", [29, pytest.param(1, marks=pytest.mark.slow)])
+def test_no_flipped_bit_changes_what_is_read(tmp_path, every):
+    whole = small(tmp_path)
+    before, refused = content(tmp_path), 0
+    for bit in range(0, 8 * len(whole), every):
+        changed = bytearray(whole)
+        changed[bit // 8] ^= 1 << bit % 8
+        (tmp_path / JOURNAL).write_bytes(changed)
+        try:
+            assert content(tmp_path) == before, f"bit {bit}"
+        except RunFolderError:
+            refused += 1
+    assert refused > 0.1 * 8 * len(whole) / every
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="links need rights")
+@pytest.mark.parametrize("name", [JOURNAL, f"{JOURNAL}-journal"])
+def test_a_link_in_place_of_a_journal_is_refused(tmp_path, name):
+    Journal.create(tmp_path)
+    (tmp_path / name).unlink(missing_ok=True)
+    (tmp_path / "victim").write_bytes(b"keep")
+    (tmp_path / name).symlink_to(tmp_path / "victim")
+    with pytest.raises(RunFolderError, match=f"{name}: is a link; expected the files of the run"):
+        Journal.open(tmp_path)
+    assert (tmp_path / "victim").read_bytes() == b"keep"
 
 
 def test_a_full_disk_is_said_and_what_was_written_is_kept(tmp_path):
@@ -263,7 +362,7 @@ connection = sqlite3.connect(sys.argv[1], isolation_level=None)
 connection.execute("PRAGMA cache_size = 1")
 connection.execute("BEGIN")
 for k in range(2000):
-    connection.execute("INSERT INTO judgements VALUES (0, ?, 1, ?)", (k, "x" * 100))
+    connection.execute("INSERT INTO judgements VALUES (0, ?, 1, ?, '')", (k, "x" * 100))
 print(os.path.exists(sys.argv[1] + "-journal"), flush=True)
 os.kill(os.getpid(), 9)
 """

@@ -444,7 +444,7 @@ def test_what_was_half_written_at_the_end_is_written_anew(run, tmp_path, monkeyp
         assert code == 130
     (tmp_path / "a" / "figures" / "phase_plane.svg").write_text("half")
     (tmp_path / "a" / "iterations.csv").write_text("half")
-    (tmp_path / "a" / ".summary.json.partial").write_text("{")
+    (tmp_path / "a" / ".partial-summary.json").write_text("{")
     assert run("learn", "--resume", "--out", "a", "--no-figures", "-q") == (0, "", "")
     assert same(tmp_path / "whole", tmp_path / "a")
     assert {path.name for path in (tmp_path / "a").iterdir()} == {path.name for path in (tmp_path / "whole").iterdir()}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import atexit
-import io
 import os
 import signal
 import sys
@@ -26,7 +25,7 @@ from robustopt.cli.commands import (
     make_plan,
     print_dry_run,
 )
-from robustopt.cli.terminal import Output, fail, own_stdout, print_json, show, show_runs
+from robustopt.cli.terminal import Output, fail, own_stdout, prepare_streams, print_json, show, show_runs
 from robustopt.errors import ConfigError, RobustOptError
 from robustopt.interruption import INTERRUPTED, STOPS, Kept, interruptions, listen, on_interrupt
 from robustopt.processes import end_processes
@@ -333,6 +332,9 @@ def _told(error: Exception, json: bool) -> int:
         found = error.filename or "the output of the command cannot be written"
         in_words = f"{found}: {error.strerror or error}"
         return fail("OSError", in_words, 2, json=False)  # standard output may have failed itself
+    if isinstance(error, MemoryError):
+        found = f"the memory is not enough: {error}".rstrip(": ")
+        return fail("MemoryError", f"{found}; expected a smaller task, or fewer workers", 2, json)
     message = getattr(error, "format_message", None)
     if message is None:
         raise error
@@ -349,14 +351,12 @@ def main() -> None:
 
     Linear algebra uses one thread: the matrices are small, and sums then do not depend on the load of the machine.
     """
+    prepare_streams(quiet=not {"-q", "--quiet"}.isdisjoint(sys.argv))
     ending = _Ending()
     atexit.register(ending.end_at_once)  # before all others, so that it is called after them
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     listen()
     own_stdout()
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")
     try:
         ending.code = run(sys.argv[1:])
     except KeyboardInterrupt:  # once more, while the first one was being reported

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import os
 import sys
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, redirect_stdout, suppress
 from pathlib import Path
@@ -145,6 +146,35 @@ def ask(question: str) -> str:
 def say(text: str) -> None:
     """Print a message to a person who answers questions."""
     print(text, file=sys.stderr, flush=True)
+
+
+def prepare_streams(quiet: bool) -> None:
+    """Prepare the standard streams of this process for people.
+
+    Characters that a terminal lacks are replaced, and the warnings of libraries become notes. A stream that was closed
+    leads nowhere; otherwise the next file that is opened would take its place.
+
+    Args:
+        quiet: whether warnings are left out.
+    """
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
+    show_warnings_as_notes(quiet)
+
+
+def show_warnings_as_notes(quiet: bool) -> None:
+    """Print the warnings of libraries from now on as notes, a line each; if the output is quiet, not at all."""
+
+    def show(message: Warning | str, *_: object, **__: object) -> None:
+        if not quiet:
+            with suppress(OSError):
+                print(f"note: {' '.join(str(message).split())}", file=sys.stderr, flush=True)
+
+    warnings.showwarning = show
 
 
 def show_runs(records: Sequence[Listed], folder: Path) -> None:

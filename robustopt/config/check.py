@@ -24,6 +24,9 @@ from robustopt.scene.placement import TRAY, half_extents, supports
 OUTSIDE = 1e-9
 """Distance from a shape below which a centre of mass counts as within it: a rounding error [m]."""
 
+MOST_POSES, MOST_STEPS = 1000, 200
+"""Largest numbers of poses and of steps of a path: with more, it takes minutes to build (our choice)."""
+
 
 def check(config: Config, names: Collection[str] | None = None, like: Config | None = None) -> Iterator[Finding]:
     """Yield all mistakes in the relations between the keys of a configuration.
@@ -167,6 +170,10 @@ def _path(config: Config) -> Iterator[Finding]:
         for i, pose in enumerate(path.poses):
             yield from _orientation((*key, i), pose)
         yield from _waypoints(key, [_pose_numbers(pose) for pose in path.poses])
+        if len(path.poses) > MOST_POSES:
+            yield key, f"found {len(path.poses):,} poses; expected at most {MOST_POSES:,}"
+    elif path.steps is not None and len(path.steps) > MOST_STEPS:
+        yield ("path", "steps"), f"found {len(path.steps):,} steps; expected at most {MOST_STEPS:,}"
     elif not isinstance(path.joints, str) and path.joints is not None:
         yield from _waypoints(("path", "joints"), path.joints)
 

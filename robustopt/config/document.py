@@ -18,6 +18,7 @@ from yaml.composer import ComposerError
 from yaml.reader import ReaderError
 
 from robustopt.errors import ConfigError, ConfigProblem
+from robustopt.files import read_text as read_utf8
 
 Key = tuple[str | int, ...]
 """Path to a value: names of keys and positions in lists."""
@@ -27,6 +28,9 @@ Finding = tuple[Key, str]
 
 MOST_VALUES = 200_000
 """Largest number of values in a document: aliases of aliases can make a small file grow without bound."""
+
+MOST_BYTES = 1_000_000
+"""Largest size of a configuration [bytes]: it takes some 20 s to read. Long lists of waypoints go into a CSV file."""
 
 _TAG = "tag:yaml.org,2002:"
 
@@ -234,17 +238,14 @@ def read_file(path: Path) -> Document:
     Raises:
         ConfigError: the file does not exist, cannot be read, or is not UTF-8 text.
     """
-    if path.is_file():
-        try:
-            return read_text(path.read_bytes().decode("utf-8-sig"), str(path))
-        except OSError as error:
-            message = f"cannot be read: {error.strerror}"
-        except UnicodeDecodeError as error:
-            message = f"byte {error.start} is not UTF-8 text; expected a YAML file"
-    elif path.is_dir():
-        message = "this is a folder; expected a YAML file"
-    else:
+    try:
+        return read_text(read_utf8(path, MOST_BYTES), str(path))
+    except FileNotFoundError:
         message = "no such file; expected the path of a YAML file"
+    except IsADirectoryError:
+        message = "this is a folder; expected a YAML file"
+    except OSError as error:
+        message = f"cannot be read as a YAML file: {error.strerror}"
     raise ConfigError([ConfigProblem("", message, str(path))])
 
 
@@ -278,7 +279,8 @@ class _Reader:
         except ReaderError as error:
             line = text[: error.position].count("\n") + 1
             source = f"{self.source}:{line}" if self.lines else self.source
-            self._add((), "not YAML: found a control character; expected printable text", source)
+            found = "a byte that is not UTF-8" if _is_raw_byte(error.character) else "a control character"
+            self._add((), f"not YAML: found {found}; expected printable text", source)
         except yaml.MarkedYAMLError as error:
             self._add((), f"not YAML: {error.problem}; {_remedy(error)}", self._at(error.problem_mark))
         except RecursionError:
@@ -340,6 +342,11 @@ class _Reader:
 
     def _at(self, mark: Any) -> str:
         return f"{self.source}:{mark.line + 1}" if self.lines and mark is not None else self.source
+
+
+def _is_raw_byte(character: int | bytes) -> bool:
+    """Return whether a character stands for a byte of the command line that is no text, as Python passes them on."""
+    return isinstance(character, int) and 0xDC80 <= character <= 0xDCFF
 
 
 def _refused(problem: str, mark: Any, remedy: str) -> yaml.MarkedYAMLError:

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, FiniteFloat
 
-from robustopt.config.section import AccelerationError, Friction, Level, NonNegative, Positive, Real, Section
+from robustopt.config.section import AccelerationError, Count, Friction, Level, NonNegative, Positive, Real, Section
 
 
 class LearnedParameter(Section):
@@ -65,8 +65,8 @@ class LearningConfig(Section):
         description="acceleration_interval: the interval is stable if no end of any joint's interval moves by this "
         "much [rad/s^2 or m/s^2]",
     )
-    executions: int = Field(default=1, ge=1, description="acceleration_interval: executions of each plan")
-    iterations: int = Field(default=20, ge=1, description="acceleration_interval: largest number of iterations")
+    executions: Count = Field(default=1, description="acceleration_interval: executions of each plan")
+    iterations: Count = Field(default=20, description="acceleration_interval: largest number of iterations")
     success_rate: Level = Field(default=0.9, description="ilrobs-calibrated: success rate that the plan must meet")
     confidence: Level = Field(
         default=0.95,
@@ -105,20 +105,18 @@ class LearningConfig(Section):
     parameters: tuple[LearnedParameter, ...] = Field(
         default=(), description="parameters that the branch-and-bound learners search"
     )
-    budget: int = Field(default=40, ge=1, description="largest number of executions of the branch-and-bound learners")
+    budget: Count = Field(default=40, description="largest number of executions of the branch-and-bound learners")
     gap: Positive = Field(
         default=0.01,
         description="branch and bound: relative gap between the best plan and the lower bound at which the search "
         "stops",
     )
-    executions_per_plan: int = Field(
+    executions_per_plan: Count = Field(
         default=1,
-        ge=1,
         description="branch and bound: number N of successes in a row that a plan needs, 1 if executions do not vary; "
         "bnb-informed requires a success rate of 1 - 1/N",
     )
-    plans: int = Field(
+    plans: Count = Field(
         default=1000,
-        ge=1,
         description="branch and bound: largest number of plans made to guide the search; reduce it if planning is slow",
     )

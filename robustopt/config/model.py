@@ -28,6 +28,7 @@ from robustopt.config.section import (
     Range,
     Real,
     Section,
+    Seed,
 )
 
 FEET = ("left_foot", "right_foot")
@@ -153,7 +154,7 @@ class SolverConfig(Section):
         description="solver: a nonlinear program with inner contact programs (ipopt), or a faster method that "
         "minimises time only (reachability)",
     )
-    collocation_points: Annotated[int, Field(ge=10, le=100_000)] | Literal["auto"] = Field(
+    collocation_points: Annotated[int, Field(ge=10, le=20_000)] | Literal["auto"] = Field(
         default="auto",
         description="number N of grid intervals along the path; auto: as many as it takes for a duration within 0.1 % "
         "of that of ever finer grids, and for limits that hold between grid points",
@@ -169,7 +170,9 @@ class SolverConfig(Section):
 class OutputConfig(Section):
     """Files that a run writes."""
 
-    period: Positive = Field(default=0.004, description="period at which the exported trajectory is sampled [s]")
+    period: Positive = Field(
+        default=0.004, ge=1e-5, le=1e6, description="period at which the exported trajectory is sampled [s]"
+    )
 
 
 def _empty_mapping(data: Any) -> Any:
@@ -206,7 +209,7 @@ class Config(Section):
     gravity: Acceleration3 = Field(
         default=(0.0, 0.0, -9.81), description="acceleration due to gravity, in the world frame [m/s^2]"
     )
-    seed: int = Field(default=0, ge=0, description="seed of all random numbers of the run")
+    seed: Seed = Field(default=0, description="seed of all random numbers of the run")
     folder: Path = Field(
         default=Path("."), exclude=True, description="folder that relative file names in the configuration refer to"
     )

@@ -9,6 +9,10 @@ from math import isnan
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+from pydantic_core import PydanticCustomError
+
+LARGEST, SMALLEST = 1e12, 1e-12
+"""Largest size of a number without a bound of its own, and smallest of one that must be above 0 (our choice)."""
 
 
 def _a_number(value: float) -> float:
@@ -17,11 +21,31 @@ def _a_number(value: float) -> float:
     return value
 
 
-Real = FiniteFloat
-Positive = Annotated[FiniteFloat, Field(gt=0)]
+def _moderate(value: float) -> float:
+    if abs(value) > LARGEST:
+        raise PydanticCustomError("size", f"a number of at most {LARGEST:g} in size")
+    return value
+
+
+def _not_tiny(value: float) -> float:
+    if value < SMALLEST:
+        raise PydanticCustomError("size", f"a number of at least {SMALLEST:g}")
+    return value
+
+
+def _of_128_bits(value: int) -> int:
+    if value >= 2**128:
+        raise PydanticCustomError("size", "a whole number below 2^128")
+    return value
+
+
+Real = Annotated[FiniteFloat, AfterValidator(_moderate)]
+Positive = Annotated[FiniteFloat, Field(gt=0), AfterValidator(_moderate), AfterValidator(_not_tiny)]
 Limit = Annotated[float, Field(gt=0, allow_inf_nan=True)]
 """A limit; infinity (`.inf` in YAML) means none. The bound excludes not-a-number."""
-NonNegative = Annotated[FiniteFloat, Field(ge=0)]
+NonNegative = Annotated[FiniteFloat, Field(ge=0), AfterValidator(_moderate)]
+Seed = Annotated[int, Field(ge=0), AfterValidator(_of_128_bits)]
+Count = Annotated[int, Field(ge=1, le=1_000_000)]
 Length = Annotated[FiniteFloat, Field(ge=1e-6, le=100)]
 Coordinate = Annotated[FiniteFloat, Field(ge=-1000, le=1000)]
 Acceleration = Annotated[FiniteFloat, Field(ge=-1e6, le=1e6)]

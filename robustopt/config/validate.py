@@ -9,6 +9,7 @@ from typing import Any
 
 from pydantic import ValidationError
 from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails
 
 from robustopt.config.check import check
 from robustopt.config.document import Document, Key
@@ -25,6 +26,9 @@ _PLACEHOLDERS: dict[str, Any] = {
     "path": {},
 }
 """Substitutes for required sections that are wrong, so that the rest can be checked; never part of a result."""
+
+_SIZE = "size: "
+"""Beginning of the kind of a mistake about the size of a number."""
 
 _A_STEP: dict[str, Any] = {"foot": "right", "to": [0.0, 0.0]}
 """Substitute for steps that are wrong: a path without steps has other keys."""
@@ -105,8 +109,9 @@ def _attempt(data: dict[str, Any], folder: Path) -> tuple[Config | None, dict[Ke
         config = Config.model_validate({**_frozen(data), "folder": folder}, strict=True)
         return (None if wrong else config), wrong
     except ValidationError as error:
-        kinds = [(str(item["type"]), _place(item["loc"], data), item["loc"]) for item in error.errors()]
-        return None, wrong | dict(_message(kind, place, loc, data) for kind, place, loc in _deepest(kinds))
+        kinds = [(_kind(item), _place(item["loc"], data), item["loc"]) for item in error.errors()]
+        messages = [_message(kind, place, loc, data) for kind, place, loc in sorted(_deepest(kinds), key=_by_size)]
+        return None, wrong | dict(messages)
 
 
 def _with_nominal_friction(data: dict[str, Any]) -> dict[str, Any]:
@@ -141,7 +146,9 @@ def _deepest(kinds: list[tuple[str, Key, Any]]) -> list[tuple[str, Key, Any]]:
     return [
         (kind, place, loc)
         for kind, place, loc in kinds
-        if _names_a_key(kind, loc) or not any(p != place and p[: len(place)] == place for p in places)
+        if _names_a_key(kind, loc)
+        or kind.startswith(_SIZE)
+        or not any(p != place and p[: len(place)] == place for p in places)
     ]
 
 
@@ -149,16 +156,28 @@ def _names_a_key(kind: str, loc: Any) -> bool:
     return kind == "extra_forbidden" or (kind == "missing" and isinstance(loc[-1], str))
 
 
+def _by_size(mistake: tuple[str, Key, Any]) -> bool:
+    """Sort mistakes about the size of a number last: they win over those of other alternatives of a union."""
+    return mistake[0].startswith(_SIZE)
+
+
+def _kind(error: ErrorDetails) -> str:
+    """Return the kind of a mistake; for a number of a wrong size, the size that is expected."""
+    return f"{_SIZE}{error['msg']}" if error["type"] == "size" else str(error["type"])
+
+
 def _message(kind: str, place: Key, loc: Any, data: Any) -> tuple[Key, str]:
     if kind == "extra_forbidden":
-        model, _ = _type_at(place[:-1])
-        return place, _unknown(unwrap(choices(model)[0])[0], str(place[-1]))
+        bases = [unwrap(option)[0] for option in choices(_type_at(place[:-1])[0])]
+        return place, _unknown(next(filter(_is_section, bases)), str(place[-1]))
     if kind == "missing" and isinstance(loc[-1], str):
         place = (*place, loc[-1])
         return place, f"missing; {_right(place, None)}"
     value = data
     for part in place:
         value = value[part]
+    if kind.startswith(_SIZE):
+        return place, f"found {found(value)}; expected {kind.removeprefix(_SIZE)}"
     return place, f"found {found(value)}; {_right(place, value)}"
 
 
@@ -183,13 +202,17 @@ def _type_at(key: Key) -> tuple[Any, FieldInfo | None]:
         for option in choices(annotation):
             base, _ = unwrap(option)
             arguments = getattr(base, "__args__", ())
-            if isinstance(base, type) and issubclass(base, Section) and isinstance(part, str):
+            if _is_section(base) and isinstance(part, str):
                 annotation, info = fields(base)[part], base.model_fields[part]
                 break
             if arguments and isinstance(part, str) is (base.__origin__ is dict):
                 annotation = arguments[1] if base.__origin__ is dict else arguments[0]
                 break
     return annotation, info
+
+
+def _is_section(base: Any) -> bool:
+    return isinstance(base, type) and issubclass(base, Section)
 
 
 class _UnknownKey(str):

@@ -171,6 +171,8 @@ def found(value: Any) -> str:
         return f"a section with the keys {shortened(', '.join(map(str, value)))}" if value else "an empty section"
     if isinstance(value, (list, tuple)):
         return f"the list {shortened(str(list(value)))}" if value else "an empty list"
+    if isinstance(value, int) and abs(value) >= 10**20:
+        return "a whole number of more than 20 digits"
     return f"the text {shortened(repr(value))}" if isinstance(value, str) else shortened(str(value))
 
 

@@ -27,6 +27,9 @@ from robustopt.robot import Robot
 CHECK_STEP = 0.02
 """Largest joint step between the positions that are checked for collisions [rad or m]: 2 cm at 1 m."""
 
+LONGEST = 4000.0
+"""Longest path whose collisions are checked [rad or m], in 200,000 positions (our choice)."""
+
 
 def build_path(config: Config, robot: Robot) -> Path:
     """Build the path of a configuration.
@@ -121,7 +124,16 @@ def _objection(path: Path, robot: Robot, check: CollisionCheck | None) -> str | 
 
 
 def _thinned(s: Array, q: Array) -> Array:
-    """Return points of the path between which no joint moves by more than `CHECK_STEP`."""
+    """Return points of the path between which no joint moves by more than `CHECK_STEP`.
+
+    Raises:
+        PathError: the path is too long to be checked.
+    """
     moved = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(q, axis=0)).max(axis=1))))
+    if moved[-1] > LONGEST:
+        raise PathError(
+            f"the joints move by {moved[-1]:,.0f} rad or m in all; expected at most {LONGEST:,.0f}, or several tasks",
+            key="path",
+        )
     wanted = np.linspace(0.0, moved[-1], int(np.ceil(moved[-1] / CHECK_STEP)) + 1)
     return np.asarray(np.interp(wanted, moved, s))

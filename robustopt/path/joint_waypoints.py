@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import csv
 import io
+from itertools import islice
 
 import numpy as np
 
 from robustopt.arrays import Array, Flags
 from robustopt.config import Config
 from robustopt.errors import ConfigProblem, PathError
+from robustopt.files import MOST_BYTES, read_text
 
 KEY = "path.joints"
 MOST_COMPLAINTS = 10
 """Most repeated waypoints that one error lists: a log of a robot at rest has thousands."""
+MOST_WAYPOINTS = 50_000
+"""Largest number of waypoints; a log of a minute at 1 kHz should be thinned (our choice)."""
+FARTHEST = 1e4
+"""Largest position of a waypoint [rad or m]: the path between waypoints is checked every 2 cm (our choice)."""
 SAME_POSITION = 1e-9
 """Joint positions nearer than this are repeated [rad or m]."""
 SAME_PART = 1e-6
@@ -46,9 +52,16 @@ def joint_waypoints(config: Config, joint_names: tuple[str, ...]) -> Array:
     ]
     if problems:
         raise PathError(problems)
+    if len(rows) > MOST_WAYPOINTS:
+        raise PathError(f"found more than {MOST_WAYPOINTS:,} waypoints; expected fewer", key=KEY)
     if len(rows) < 2:
         raise PathError(f"a path needs at least two waypoints; there is {len(rows) or 'none'}", key=KEY)
     waypoints = np.array(rows)
+    far = np.flatnonzero(np.abs(waypoints).max(axis=1) > FARTHEST)
+    if len(far):
+        value = waypoints[far[0]][np.abs(waypoints[far[0]]).argmax()]
+        message = f"found {value:g}; expected joint positions of at most {FARTHEST:g} rad or m in size"
+        raise PathError(message, key=f"{KEY}[{far[0]}]")
     repeated = np.flatnonzero(_repeats(waypoints))
     if len(repeated):
         listed = repeated[:MOST_COMPLAINTS].tolist()
@@ -72,10 +85,12 @@ def _read_csv(config: Config, name: str, joint_names: tuple[str, ...]) -> list[l
     """Read the rows of a CSV file, one waypoint each; a first row with the joint names puts the columns in order."""
     file = config.folder / name
     try:
-        text = file.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise PathError(f"{file}: cannot be read: {error}", key=KEY) from error
-    rows = [[cell.strip() for cell in row] for row in csv.reader(io.StringIO(text)) if any(map(str.strip, row))]
+        lines = csv.reader(io.StringIO(read_text(file, MOST_BYTES)))
+        filled = ([cell.strip() for cell in row] for row in lines if any(map(str.strip, row)))
+        rows = list(islice(filled, MOST_WAYPOINTS + 2))  # the first may be a header
+    except (OSError, csv.Error) as error:
+        found = getattr(error, "strerror", None) or error
+        raise PathError(f"{file}: cannot be read: {found}", key=KEY) from error
     columns = list(range(len(rows[0]))) if rows else []
     if rows and not _is_number(rows[0][0]):
         header = rows.pop(0)

@@ -11,6 +11,7 @@ import matplotlib.style
 from matplotlib.figure import Figure
 
 from robustopt.arrays import Flags
+from robustopt.files import written
 from robustopt.solvers.trajectory import NO_LIMIT
 
 BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY, INDIGO, WINE = (
@@ -95,5 +96,6 @@ def save(figure: Figure, folder: Path, name: str, formats: Iterable[str] = ("svg
     paths = [folder / f"{name}.{suffix}" for suffix in formats]
     for path in paths:
         metadata = {"Date": None} if path.suffix == ".svg" else {"Software": None}
-        figure.savefig(path, metadata=metadata)
+        with written(path) as beside:
+            figure.savefig(beside, metadata=metadata)
     return paths

@@ -32,6 +32,16 @@ _PLACES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
 )
 """Attributes that must be finite: the noun, the list of the specification, and the attributes."""
 
+_NAMED = {
+    "joint": "joints", "link": "bodies", "geom": "geoms", "site": "sites", "actuator": "actuators", "sensor": "sensors",
+    "camera": "cameras", "frame": "frames", "mesh": "meshes", "material": "materials", "texture": "textures",
+    "constraint": "equalities", "tendon": "tendons", "exclusion": "excludes", "pair": "pairs",
+}  # fmt: skip
+"""Parts with a name: the noun, and the list of the specification."""
+
+RESERVED = "robustopt_"
+"""Beginning of the names of all parts that this package adds to a model."""
+
 _RANGED = {mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE}
 
 
@@ -46,7 +56,7 @@ def check_model(spec: mujoco.MjSpec, file: str) -> None:
         RobotError: the specification has numbers that are not finite, negative where this is impossible, or ranges
             whose ends are out of order; the error lists all of them.
     """
-    findings = [*_negative(spec), *_not_finite(spec), *_ranges(spec)]
+    findings = [*_reserved(spec), *_negative(spec), *_not_finite(spec), *_ranges(spec)]
     if findings:
         raise RobotError([ConfigProblem("robot.model", f"{file}: {finding}") for finding in findings])
 
@@ -90,6 +100,14 @@ def _span(joint: Any) -> Span | None:
     low, high = map(float, joint.range)
     without = joint.limited == mujoco.mjtLimited.mjLIMITED_FALSE or low == high == 0.0
     return None if without or joint.type not in _RANGED else (low, high)
+
+
+def _reserved(spec: mujoco.MjSpec) -> Iterator[str]:
+    """Yield names of parts that begin as those of the parts that this package adds."""
+    for noun, items in _NAMED.items():
+        for item in getattr(spec, items):
+            if item.name.startswith(RESERVED):
+                yield f"{noun} {item.name}: names that begin with {RESERVED} are reserved; expected another name"
 
 
 def _negative(spec: mujoco.MjSpec) -> Iterator[str]:

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import hashlib
 import os
-import re
 import site
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
 
@@ -19,9 +19,12 @@ import mujoco
 import numpy as np
 
 from robustopt.config import Config
+from robustopt.config.document import shortened
 from robustopt.errors import RobotError
+from robustopt.files import read_bytes
 from robustopt.models import MODELS
 from robustopt.robot.model_check import check_model
+from robustopt.robot.model_parts import parts_of
 from robustopt.robot.urdf import UrdfLimits, is_urdf, read_urdf
 
 USUAL = mujoco.MjSpec()
@@ -58,7 +61,7 @@ def resolve_package(uri: str) -> Path | None:
         uri: the URI, `package://NAME/...`.
     """
     relative = uri.removeprefix("package://")
-    return next((folder / relative for folder in share_folders() if (folder / relative).is_file()), None)
+    return next((folder / relative for folder in share_folders() if os.path.isfile(folder / relative)), None)
 
 
 def model_file(config: Config) -> Path:
@@ -81,18 +84,15 @@ def model_file(config: Config) -> Path:
             raise RobotError(f"{name} was not found in the share folders {folders}", key="robot.model")
         return file
     file = config.folder / name
-    if file.is_file():
+    if os.path.exists(file):
         return file
     shipped = ", ".join(shipped_models())
     if Path(name).suffix.lower() in {".xml", ".mjcf", ".urdf"}:
         raise RobotError(f"there is no file {file}; the shipped robots are: {shipped}", key="robot.model")
     raise RobotError(
-        f"unknown robot {name!r}; give a shipped robot ({shipped}) or an MJCF or URDF file", key="robot.model"
+        f"unknown robot {shortened(repr(name))}; give a shipped robot ({shipped}) or an MJCF or URDF file",
+        key="robot.model",
     )
-
-
-NAMED = re.compile(r"""\b(?:file|filename|meshdir|texturedir|assetdir)\s*=\s*["']([^"']+)["']""")
-"""Files and folders that a model file names."""
 
 
 def model_hash(file: Path) -> str:
@@ -100,31 +100,17 @@ def model_hash(file: Path) -> str:
 
     Args:
         file: the model file.
+
+    Raises:
+        RobotError: one of the files cannot be read.
     """
     digest = hashlib.sha256()
-    for part in _parts(file, [file.parent], []):
-        digest.update(part.read_bytes())
+    for part in parts_of(file, resolve_package):
+        try:
+            digest.update(read_bytes(part))
+        except OSError as error:
+            raise RobotError(f"{part}: cannot be read: {error.strerror}", key="robot.model") from None
     return digest.hexdigest()
-
-
-def _parts(file: Path, folders: Sequence[Path], found: list[Path]) -> list[Path]:
-    """List a file and the files that it names, each once; MuJoCo resolves names from the folder of the model file."""
-    found.append(file)
-    if file.suffix.lower() not in {".xml", ".mjcf", ".urdf"}:
-        return found
-    names = NAMED.findall(file.read_text(encoding="utf-8", errors="replace"))
-    folders = list(dict.fromkeys([*folders, file.parent]))
-    folders += [place / name for place in folders for name in names if (place / name).is_dir()]
-    for name in names:
-        places = (
-            [resolve_package(name)]
-            if name.startswith("package://")
-            else [place / name.removeprefix("file://") for place in folders]
-        )
-        for place in places:
-            if place is not None and place.is_file() and place not in found:
-                _parts(place, folders, found)
-    return found
 
 
 def read_model(file: Path) -> tuple[mujoco.MjSpec, UrdfLimits, tuple[str, ...]]:
@@ -140,18 +126,17 @@ def read_model(file: Path) -> tuple[mujoco.MjSpec, UrdfLimits, tuple[str, ...]]:
         The specification, the URDF limits that MuJoCo does not keep, and notes on content that was left out.
 
     Raises:
-        RobotError: MuJoCo cannot read the file, or its joints and links have numbers that are impossible.
+        RobotError: MuJoCo cannot read the file or one that it names, or its joints and links have impossible numbers.
     """
     limits = UrdfLimits()
     notes: tuple[str, ...] = ()
-    try:
+    parts_of(file, resolve_package)
+    with _refused(f"{file}: not a model that MuJoCo can read"):
         if is_urdf(file):
             text, limits, notes = read_urdf(file, resolve_package)
             spec = mujoco.MjSpec.from_string(text)
         else:
             spec = mujoco.MjSpec.from_file(str(file))
-    except (ValueError, OSError) as error:
-        raise RobotError(f"{file}: not a model that MuJoCo can read: {_one_line(error)}", key="robot.model") from error
     spec.compiler.fusestatic = spec.compiler.alignfree = False
     spec.option.disableflags = spec.option.enableflags = 0
     spec.option.density = spec.option.viscosity = 0.0
@@ -171,10 +156,8 @@ def compile_spec(spec: mujoco.MjSpec, file: Path) -> mujoco.MjModel:
     Raises:
         RobotError: MuJoCo rejects the model; its message is put on one line.
     """
-    try:
+    with _refused(f"{file}: MuJoCo cannot use the model"):
         return spec.compile()
-    except ValueError as error:
-        raise RobotError(f"{file}: MuJoCo cannot use the model: {_one_line(error)}", key="robot.model") from error
 
 
 def joint_names(model: mujoco.MjModel) -> tuple[str, ...]:
@@ -210,5 +193,11 @@ def _keep_masses(spec: mujoco.MjSpec, file: Path) -> None:
         body.ialt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
 
 
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())
+@contextmanager
+def _refused(message: str) -> Iterator[None]:
+    """Turn the errors of MuJoCo and of the XML reader into a RobotError, with their words on one line."""
+    try:
+        yield
+    except (ValueError, OSError, RuntimeError, MemoryError, mujoco.FatalError) as error:
+        words = shortened(" ".join(str(error).split()), 300) or type(error).__name__
+        raise RobotError(f"{message}: {words}", key="robot.model") from error

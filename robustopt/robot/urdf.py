@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from robustopt.files import read_bytes, read_text
 from robustopt.robot.urdf_check import check_urdf, written_ranges
 
 XACRO = "; expected the URDF that `xacro` makes of it"
@@ -35,7 +37,7 @@ def is_urdf(file: Path) -> bool:
     Args:
         file: the file.
     """
-    return file.suffix.lower() == ".urdf" or "<robot" in file.read_text(encoding="utf-8", errors="replace")[:4000]
+    return file.suffix.lower() == ".urdf" or "<robot" in read_bytes(file).decode("utf-8", "replace")[:4000]
 
 
 def read_urdf(file: Path, resolve_package: Callable[[str], Path | None]) -> tuple[str, UrdfLimits, tuple[str, ...]]:
@@ -52,7 +54,7 @@ def read_urdf(file: Path, resolve_package: Callable[[str], Path | None]) -> tupl
         ValueError: the file is not well-formed XML, or it is a xacro file.
         RobotError: names or numbers of its joints and links are wrong.
     """
-    text = file.read_text(encoding="utf-8")
+    text = read_text(file)
     try:
         root = ET.fromstring(text)
     except ET.ParseError as error:
@@ -90,7 +92,7 @@ def _notes(without: Sequence[tuple[str, str]]) -> tuple[str, ...]:
 
 def _mesh_file(name: str, folder: Path, resolve_package: Callable[[str], Path | None]) -> Path | None:
     file = resolve_package(name) if name.startswith("package://") else folder / name.removeprefix("file://")
-    if file is None or not file.is_file() or file.suffix.lower() not in MESH_FORMATS:
+    if file is None or not os.path.isfile(file) or file.suffix.lower() not in MESH_FORMATS:
         return None
     return file.resolve()
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from robustopt.config import Config
 from robustopt.config.margin import without_margin
 from robustopt.errors import ConfigError, RunFolderError
+from robustopt.files import read_bytes, written
 from robustopt.runs.origin import unchanged_config, write_origin
 from robustopt.runs.plan_run import PLAN, PlanResult, summary, write_run
 from robustopt.runs.records import ExecutionsRecord, FeedbackRecord, FirstFailure, RunStatus, Summary
@@ -128,7 +129,8 @@ def write_execution_run(result: ExecutionResult, folder: Path, arguments: Sequen
     else:
         assert result.source is not None
         write_origin(folder, result.config, arguments)
-        (folder / PLAN).write_bytes((result.source / PLAN).read_bytes())
+        with written(folder / PLAN) as beside:
+            beside.write_bytes(read_bytes(result.source / PLAN))
     write_executions_csv(result.executions, folder / EXECUTIONS)
     data = _execution_summary(result)
     write_record(folder / SUMMARY, data)
@@ -142,7 +144,8 @@ def write_executions_csv(executions: Executions, path: Path) -> None:
         executions: the trials.
         path: the file.
     """
-    executions.to_frame().to_csv(path, index=False, lineterminator="\n")
+    with written(path) as beside:
+        executions.to_frame().to_csv(beside, index=False, lineterminator="\n")
 
 
 def _execution_summary(result: ExecutionResult) -> Summary:

@@ -2,20 +2,24 @@
 
 A journal holds events, not conclusions: told to the learner again, in order, they give the same state. So a process
 that is killed at any moment loses at most the executions that were under way, and they come out the same when they are
-run again. One process at a time may hold a journal.
+run again. One process at a time may hold a journal. Every row has a checksum, because SQLite notices damage to its own
+structure alone; the journals of earlier versions have none.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
+import os
 import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from math import isnan
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-from pydantic import TypeAdapter
+from pydantic import TypeAdapter, ValidationError
 
 from robustopt.errors import RunFolderError, RunInUse
 from robustopt.learning.learner import Belief, Executed
@@ -29,12 +33,14 @@ PATIENCE = 1.0
 
 _TABLES = """
 CREATE TABLE origin (
-    executor TEXT NOT NULL          -- simulation or manual: executions are never mixed
+    executor TEXT NOT NULL,         -- simulation or manual: executions are never mixed
+    checksum TEXT NOT NULL          -- of the other values of the row, as all that follow
 );
 CREATE TABLE plans (
     plan INTEGER PRIMARY KEY,       -- in the order in which the learner asked, from 0
     belief TEXT NOT NULL,           -- the learner's values for the plan, JSON
-    duration REAL                   -- [s]; NULL without a plan
+    duration REAL,                  -- [s]; NULL without a plan
+    checksum TEXT NOT NULL
 );
 CREATE TABLE executions (
     number INTEGER PRIMARY KEY,     -- of this learner, from 0; its random stream belongs to it
@@ -42,18 +48,30 @@ CREATE TABLE executions (
     speed REAL NOT NULL,            -- times the plan's
     success INTEGER NOT NULL,
     status TEXT NOT NULL, what TEXT NOT NULL, t REAL, s REAL,  -- the first failure: time [s] and place on the path
-    count INTEGER NOT NULL, total TEXT NOT NULL, squares TEXT NOT NULL  -- acceleration error, as in `Moments`, JSON
+    count INTEGER NOT NULL, total TEXT NOT NULL, squares TEXT NOT NULL,  -- acceleration error, as in `Moments`, JSON
+    checksum TEXT NOT NULL
 );
 CREATE TABLE judgements (           -- fresh executions, which estimate the success rate of a plan
     plan INTEGER NOT NULL REFERENCES plans,
     number INTEGER NOT NULL,
     success INTEGER NOT NULL,
     status TEXT NOT NULL,
+    checksum TEXT NOT NULL,
     PRIMARY KEY (plan, number)
 );
 """
 
 _BELIEF: TypeAdapter[Belief] = TypeAdapter(Belief)
+
+_ROWS: dict[str, TypeAdapter[Any]] = {
+    "origin": TypeAdapter(tuple[Literal["simulation", "manual"]]),
+    "plans": TypeAdapter(tuple[int, str, float | None]),
+    "executions": TypeAdapter(
+        tuple[int, int, float, Literal[0, 1], str, str, float | None, float | None, int, str, str]
+    ),
+    "judgements": TypeAdapter(tuple[int, int, Literal[0, 1], str]),
+}
+"""Types of the rows of each table without their checksum."""
 
 
 @dataclass(frozen=True)
@@ -96,13 +114,15 @@ class Journal:
     def __init__(self, connection: sqlite3.Connection, path: Path | None = None) -> None:
         self._connection, self._path = connection, path
         self._place = "memory" if path is None else str(path)
+        columns = connection.execute("SELECT name FROM pragma_table_info('executions')").fetchall()
+        self._summed = ("checksum",) in columns
 
     @staticmethod
     def in_memory() -> Journal:
         """Return a journal that ends with the process."""
         connection = sqlite3.connect(":memory:", isolation_level=None)
         connection.executescript(_TABLES)
-        connection.execute("INSERT INTO origin VALUES (?)", (SIMULATION,))
+        connection.execute("INSERT INTO origin VALUES (?, ?)", _with_checksum((SIMULATION,)))
         return Journal(connection)
 
     @staticmethod
@@ -120,7 +140,7 @@ class Journal:
         try:
             with closing(sqlite3.connect(path, isolation_level=None)) as connection:
                 connection.executescript(f"BEGIN; {_TABLES} COMMIT;")
-                connection.execute("INSERT INTO origin VALUES (?)", (executor,))
+                connection.execute("INSERT INTO origin VALUES (?, ?)", _with_checksum((executor,)))
         except sqlite3.DatabaseError as error:
             raise RunFolderError(f"{path}: cannot be written: {error}") from None
 
@@ -136,13 +156,16 @@ class Journal:
             RunFolderError: the file is no journal, or is damaged.
         """
         path = folder / JOURNAL
-        if not path.is_file():
+        if not os.path.isfile(path):
             raise RunFolderError(f"{path}: no such file; expected the journal of a run of `robustopt learn`")
+        for name in (JOURNAL, f"{JOURNAL}-journal", f"{JOURNAL}-wal", f"{JOURNAL}-shm"):  # SQLite would write to them
+            if (folder / name).is_symlink():
+                raise RunFolderError(f"{folder / name}: is a link; expected the files of the run themselves")
         connection = sqlite3.connect(path, timeout=PATIENCE, isolation_level=None)
         try:
             _hold(connection)
             _require_sound(connection)
-        except sqlite3.DatabaseError as error:
+        except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
             connection.close()
             if getattr(error, "sqlite_errorcode", 0) & 0xFF == sqlite3.SQLITE_BUSY:  # the rest says which kind of it
                 raise RunInUse(
@@ -165,7 +188,7 @@ class Journal:
             duration: duration of the plan [s]; None if the problem is infeasible.
         """
         text = _BELIEF.dump_json(belief).decode()
-        self._write("INSERT INTO plans VALUES ((SELECT count(*) FROM plans), ?, ?)", [(text, duration)])
+        self._write("plans", [(self._plans(), text, duration)])
 
     def add_executions(self, speed: float, executions: Sequence[Execution]) -> None:
         """Commit executions of the latest plan together.
@@ -174,8 +197,8 @@ class Journal:
             speed: factor on the speed of the plan.
             executions: the executions.
         """
-        command = "INSERT INTO executions VALUES (?, (SELECT count(*) - 1 FROM plans), ?, ?, ?, ?, ?, ?, ?, ?, ?)"
-        self._write(command, [_values(execution, speed) for execution in executions])
+        plan = self._plans() - 1
+        self._write("executions", [_values(execution, plan, speed) for execution in executions])
 
     def add_judgements(self, plan: int, executions: Sequence[Execution]) -> None:
         """Commit fresh executions of a plan together.
@@ -184,14 +207,19 @@ class Journal:
             plan: number of the plan.
             executions: the executions.
         """
-        values = [(plan, item.number, item.success, item.status) for item in executions]
-        self._write("INSERT INTO judgements VALUES (?, ?, ?, ?)", values)
+        self._write("judgements", [(plan, item.number, int(item.success), item.status) for item in executions])
 
-    def _write(self, command: str, rows: Sequence[tuple[Any, ...]]) -> None:
+    def _plans(self) -> int:
+        return int(self._fetch("SELECT count(*) FROM plans")[0][0])
+
+    def _write(self, table: str, rows: Sequence[tuple[Any, ...]]) -> None:
+        if self._summed:
+            rows = [_with_checksum(row) for row in rows]
+        places = ", ".join("?" * len(rows[0])) if rows else ""
         try:
             self._connection.execute("BEGIN")
             with self._connection:  # commits at the end, rolls back if something fails
-                self._connection.executemany(command, rows)
+                self._connection.executemany(f"INSERT INTO {table} VALUES ({places})", rows)
         except sqlite3.DatabaseError as error:
             raise RunFolderError(f"{self._place}: cannot be written: {error}") from error
         if self._path is not None and not self._path.exists():  # SQLite goes on writing to the file that it holds
@@ -205,18 +233,14 @@ class Journal:
     @property
     def executor(self) -> str:
         """Executor of the plans, SIMULATION or MANUAL."""
-        return str(self._read("SELECT executor FROM origin")[0][0])
+        return str(self._rows("origin")[0][0])
 
     def entries(self) -> Iterator[Entry]:
         """Yield every plan with its executions, in order."""
-        for plan, belief, duration in self._read("SELECT plan, belief, duration FROM plans ORDER BY plan"):
-            found = self._read(
-                "SELECT speed, number, success, status, what, t, s, count, total, squares FROM executions "
-                "WHERE plan = ? ORDER BY number",
-                plan,
-            )
+        for plan, belief, duration in self._rows("plans", "ORDER BY plan"):
+            found = self._rows("executions", "WHERE plan = ? ORDER BY number", plan)
             try:
-                executions = tuple((speed, _execution(*values)) for speed, *values in found)
+                executions = tuple((speed, _execution(number, *values)) for number, _, speed, *values in found)
                 entry = Entry(_BELIEF.validate_json(belief), duration, executions)
             except (ValueError, TypeError) as error:
                 raise RunFolderError(f"{self._place}: damaged: plan {plan}: {error}") from None
@@ -228,13 +252,29 @@ class Journal:
         Args:
             plan: number of the plan.
         """
-        found = self._read("SELECT number, success, status FROM judgements WHERE plan = ? ORDER BY number", plan)
-        return {number: (bool(success), status) for number, success, status in found}
+        found = self._rows("judgements", "WHERE plan = ? ORDER BY number", plan)
+        return {number: (bool(success), status) for _, number, success, status in found}
 
-    def _read(self, command: str, *values: Any) -> list[Any]:
+    def _rows(self, table: str, which: str = "", *values: Any) -> list[Any]:
+        """Return rows of a table without their checksums, once types and checksums are found right."""
+        found = self._fetch(f"SELECT * FROM {table} {which}", *values)
+        if self._summed:
+            for row in found:
+                if _checksum(row[:-1]) != row[-1]:
+                    raise RunFolderError(f"{self._place}: damaged: {_named(table, row)}: its checksum is wrong")
+            found = [row[:-1] for row in found]
+        for row in found:
+            try:
+                _ROWS[table].validate_python(row, strict=True)
+            except ValidationError as error:
+                wrong = error.errors(include_url=False)[0]["msg"]
+                raise RunFolderError(f"{self._place}: damaged: {_named(table, row)}: {wrong}") from None
+        return found
+
+    def _fetch(self, command: str, *values: Any) -> list[Any]:
         try:
             return self._connection.execute(command, values).fetchall()
-        except sqlite3.DatabaseError as error:
+        except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
             raise RunFolderError(f"{self._place}: damaged: {error}") from None
 
 
@@ -252,13 +292,40 @@ def _require_sound(connection: sqlite3.Connection) -> None:
     found = connection.execute("PRAGMA integrity_check(1)").fetchone()[0]
     if found != "ok":
         raise sqlite3.DatabaseError(found)
+    if connection.execute("SELECT count(*) FROM origin").fetchone() != (1,):
+        raise sqlite3.DatabaseError("its origin is lost")
+    for table in ("executions", "judgements"):
+        lost = connection.execute(f"SELECT plan FROM {table} WHERE plan NOT IN (SELECT plan FROM plans)").fetchone()
+        if lost is not None:
+            raise sqlite3.DatabaseError(f"{table} of plan {lost[0]}, which there is not")
 
 
-def _values(execution: Execution, speed: float) -> tuple[Any, ...]:
+def _with_checksum(row: tuple[Any, ...]) -> tuple[Any, ...]:
+    return (*row, _checksum(row))
+
+
+def _checksum(row: tuple[Any, ...]) -> str:
+    """Return a checksum of the values of a row as SQLite gives them back."""
+    plain = [_as_stored(value) for value in row]
+    return hashlib.sha256(repr(plain).encode("utf-8", "surrogatepass")).hexdigest()[:16]
+
+
+def _as_stored(value: Any) -> Any:
+    """Return a value as SQLite stores it: a zero without its sign, NULL for not-a-number, text without its own type."""
+    if isinstance(value, float):
+        return None if isnan(value) else float(value) + 0.0
+    return str(value) if isinstance(value, str) else value
+
+
+def _named(table: str, row: tuple[Any, ...]) -> str:
+    return f"plan {row[0]}" if table == "plans" else f"{table.removesuffix('s')} {row[0]!r}"
+
+
+def _values(execution: Execution, plan: int, speed: float) -> tuple[Any, ...]:
     errors = execution.errors
     sums = (errors.count, json.dumps(errors.total), json.dumps(errors.squares))
-    end = (execution.success, execution.status, execution.what, execution.t, execution.s)
-    return (execution.number, speed, *end, *sums)
+    end = (int(execution.success), execution.status, execution.what, execution.t, execution.s)
+    return (execution.number, plan, float(speed), *end, *sums)
 
 
 def _execution(

@@ -17,6 +17,7 @@ from typing import Any
 from robustopt.config import Config
 from robustopt.config.load import dump
 from robustopt.errors import RunFolderError
+from robustopt.files import links_in, read_text, reason, written
 from robustopt.runs.beliefs import Planner
 from robustopt.runs.campaign import Learned, made_again
 from robustopt.runs.execution_run import EXECUTIONS
@@ -35,7 +36,7 @@ from robustopt.runs.store import (
     flush_folder,
     is_unfinished,
     new_run,
-    write_record,
+    record_text,
 )
 from robustopt.simulation import Status
 
@@ -98,10 +99,13 @@ def resumed(folder: Path, config: Config | None) -> Config:
         config: must be that of the run; None for the stored one.
 
     Raises:
-        RunFolderError: the folder is no run of a learner, or was begun with another configuration, robot or waypoints.
+        RunFolderError: the folder is no run of a learner, has links in it, or was begun with another configuration,
+            robot or waypoints.
     """
     if not (folder / JOURNAL).is_file():
         raise RunFolderError(f"{folder}: nothing to resume; expected the folder of a run of `robustopt learn`")
+    if links := links_in(folder):
+        raise RunFolderError(f"{links[0]}: is a link; expected the files and folders of the run themselves")
     stored = unchanged_config(folder)
     if config is not None:
         require_same_config(folder, stored, config)
@@ -122,8 +126,8 @@ def latest_unfinished(config: Config) -> Path | None:
 
 def _text(path: Path) -> str | None:
     try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, ValueError):
+        return read_text(path)
+    except OSError:
         return None
 
 
@@ -167,9 +171,7 @@ def writing(folder: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        message = (
-            f"{folder}: the run could not be completed: {error.strerror or error}; it can be continued by --resume"
-        )
+        message = f"{folder}: the run could not be completed: {reason(error)}; it can be continued by --resume"
         raise RunFolderError(message) from error
 
 
@@ -204,10 +206,9 @@ def complete(folder: Path, data: Summary) -> None:
     if missing:
         found = f"{' and '.join(missing)} removed while the run was at work"
         raise RunFolderError(f"{folder}: the run could not be completed: {found}; expected the files as written")
-    temporary = folder / f".{SUMMARY}.partial"
-    write_record(temporary, data)
-    flush(folder)
-    temporary.replace(folder / SUMMARY)
+    with written(folder / SUMMARY) as beside:
+        beside.write_text(record_text(data), encoding="utf-8")
+        flush(folder)
     flush_folder(folder)
 
 
@@ -229,7 +230,7 @@ def _write_executions(journal: Journal, path: Path) -> None:
 
 
 def _write_csv(heads: Sequence[str], records: Sequence[Mapping[str, Any]], path: Path) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
+    with written(path) as beside, beside.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(heads)
         writer.writerows([_cell(record.get(head)) for head in heads] for record in records)

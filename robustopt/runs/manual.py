@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from robustopt.arrays import Array
+from robustopt.files import MOST_BYTES, read_text
 from robustopt.learning.moments import Moments
 from robustopt.runs.journal import Execution
 from robustopt.runs.plan_run import PlanResult
@@ -106,8 +108,7 @@ def errors_of_log(path: Path, trajectory: Trajectory, joints: tuple[str, ...]) -
 
 def _read_log(path: Path, joints: tuple[str, ...]) -> tuple[Array, Array]:
     """Return the times (T,) and the joint accelerations (T, n) of a log."""
-    with path.open(newline="", encoding="utf-8") as file:
-        rows = list(csv.reader(file))
+    rows = list(csv.reader(io.StringIO(read_text(path, MOST_BYTES), newline="")))
     wanted = ["t", *(f"qdd_{name}" for name in joints)]
     missing = [name for name in wanted if not rows or name not in rows[0]]
     if missing:

@@ -18,6 +18,7 @@ from robustopt.config import Config
 from robustopt.config.document import shortened
 from robustopt.config.load import dump, load_config, resolved
 from robustopt.errors import RunFolderError
+from robustopt.files import read_bytes, write_text
 from robustopt.robot.model_file import model_file, model_hash
 from robustopt.runs.records import Checkout, Machine, ModelFile, Provenance
 from robustopt.runs.store import CONFIG, PROVENANCE, read_provenance, write_record
@@ -35,7 +36,7 @@ def write_origin(folder: Path, config: Config, arguments: Sequence[str]) -> None
         arguments: of the command line.
     """
     text = dump(config)
-    (folder / CONFIG).write_text(text, encoding="utf-8")
+    write_text(folder / CONFIG, text)
     write_record(folder / PROVENANCE, provenance(config, text, arguments))
 
 
@@ -70,7 +71,7 @@ def _as_text(argument: str) -> str:
 def _waypoints_hash(config: Config) -> str | None:
     """Return the SHA-256 of the file of joint waypoints; None if the configuration has none, or the file is missing."""
     file = config.folder / config.path.joints if isinstance(config.path.joints, str) else None
-    return hashlib.sha256(file.read_bytes()).hexdigest() if file is not None and file.is_file() else None
+    return hashlib.sha256(read_bytes(file)).hexdigest() if file is not None and os.path.isfile(file) else None
 
 
 def versions() -> dict[str, str | None]:
@@ -119,7 +120,7 @@ def unchanged_config(folder: Path, overrides: Sequence[str] = ()) -> Config:
     """
     origin = read_provenance(folder)
     try:
-        text = (folder / CONFIG).read_bytes()
+        text = read_bytes(folder / CONFIG)
     except OSError as error:
         raise RunFolderError(f"{folder / CONFIG}: cannot be read: {error.strerror}") from None
     if hashlib.sha256(text).hexdigest() != origin.config_sha256:

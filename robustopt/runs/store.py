@@ -18,6 +18,7 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 
 from robustopt.errors import RunFolderError
+from robustopt.files import read_text, reason, write_text
 from robustopt.interruption import held
 from robustopt.runs.records import Provenance, Record, Summary, plain_data
 
@@ -51,7 +52,7 @@ def new_run(name: str, out: Path | None = None, root: Path = Path("results")) ->
     """
     final = out if out is not None else root / name / datetime.now(UTC).strftime("%Y-%m-%dT%H-%M-%SZ")
     if out is not None:
-        _require_free(out)
+        final = _require_free(out)
     hidden, made = _make_hidden(final)
     try:
         run = NewRun(hidden, final)
@@ -60,7 +61,7 @@ def new_run(name: str, out: Path | None = None, root: Path = Path("results")) ->
         run.place = _publish(hidden, final, numbered=out is None)
     except OSError as error:
         _remove(made)
-        raise RunFolderError(f"{final}: the run could not be written: {_reason(error)}") from error
+        raise RunFolderError(f"{final}: the run could not be written: {reason(error)}") from error
     except BaseException:
         _remove(made)
         raise
@@ -72,7 +73,7 @@ def is_run(folder: Path) -> bool:
     Args:
         folder: the folder.
     """
-    return all((folder / name).is_file() for name in (PROVENANCE, CONFIG, SUMMARY))
+    return all(os.path.isfile(folder / name) for name in (PROVENANCE, CONFIG, SUMMARY))
 
 
 def is_unfinished(folder: Path) -> bool:
@@ -81,7 +82,7 @@ def is_unfinished(folder: Path) -> bool:
     Args:
         folder: the folder.
     """
-    return (folder / JOURNAL).is_file() and not (folder / SUMMARY).is_file()
+    return os.path.isfile(folder / JOURNAL) and not os.path.isfile(folder / SUMMARY)
 
 
 # Records --------------------------------------------------------------------------------------------------
@@ -96,7 +97,7 @@ def read_summary(folder: Path) -> Summary:
     Raises:
         RunFolderError: there is no complete run in the folder, or its summary has been changed.
     """
-    if not folder.is_dir():
+    if not os.path.isdir(folder):
         raise RunFolderError(f"{folder}: no such run folder; expected a folder that `robustopt plan` wrote")
     if is_unfinished(folder):
         raise RunFolderError(f"{folder}: unfinished; expected a complete run: robustopt learn --resume --out {folder}")
@@ -119,13 +120,13 @@ def read_provenance(folder: Path) -> Provenance:
 
 def _read(path: Path, kind: type[R]) -> R:
     try:
-        return kind.model_validate_json(path.read_text(encoding="utf-8-sig"), strict=True)
+        return kind.model_validate_json(read_text(path), strict=True)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         found = ": ".join(filter(None, [".".join(map(str, first["loc"])), first["msg"]]))
         remedy = f"it has been changed, or is of another version of robustopt ({found})"
-    except (OSError, ValueError) as error:
-        remedy = str(error)
+    except OSError as error:
+        remedy = error.strerror or str(error)
     raise RunFolderError(f"{path}: cannot be read: {remedy}; expected the file as it was written") from None
 
 
@@ -136,7 +137,16 @@ def write_record(path: Path, record: Record) -> None:
         path: the file.
         record: the record.
     """
-    path.write_text(json_text(record.model_dump(mode="json", exclude_unset=True)) + "\n", encoding="utf-8")
+    write_text(path, record_text(record))
+
+
+def record_text(record: Record) -> str:
+    """Return the text of the JSON file of a record.
+
+    Args:
+        record: the record.
+    """
+    return json_text(record.model_dump(mode="json", exclude_unset=True)) + "\n"
 
 
 def json_text(data: Mapping[str, Any]) -> str:
@@ -151,14 +161,33 @@ def json_text(data: Mapping[str, Any]) -> str:
 # The steps of writing -------------------------------------------------------------------------------------
 
 
-def _require_free(out: Path) -> None:
+def _require_free(out: Path) -> Path:
+    """Check that a run can take the place of a folder; return the folder, or the one that a link leads to."""
     if is_run(out):
         message = f"{out}: holds an earlier run of robustopt; expected a new folder, or remove that one first"
         raise RunFolderError(message)
-    if out.is_dir() and any(out.iterdir()):
-        raise RunFolderError(f"{out}: is not empty; expected a new folder, or an empty one")
-    if out.exists() and not out.is_dir():
-        raise RunFolderError(f"{out}: is a file; expected a new folder, or an empty one")
+    try:
+        with suppress(OSError):
+            out.lstat()  # a ValueError tells that no file can have this name
+        final = Path(os.path.realpath(out)) if out.is_symlink() or out.name in ("", "..") else out
+        if os.path.isdir(final):
+            if any(final.iterdir()):
+                raise RunFolderError(f"{out}: is not empty; expected a new folder, or an empty one")
+            if final.samefile("."):
+                raise RunFolderError(f"{out}: is the current folder; expected a new folder, or another empty one")
+            final.rmdir()  # as at the end of the run: refused for a mounted folder, or for that of another user
+            final.mkdir()
+        elif final.exists():
+            raise RunFolderError(f"{out}: is a file; expected a new folder, or an empty one")
+    except OSError as error:
+        raise _unwritable(out, error) from None
+    except ValueError:
+        raise RunFolderError(f"{str(out)!r}: no folder can have this name; expected another one") from None
+    return final
+
+
+def _unwritable(folder: Path, error: OSError) -> RunFolderError:
+    return RunFolderError(f"{folder}: cannot be written: {reason(error)}; expected a writable folder")
 
 
 def _make_hidden(final: Path) -> tuple[Path, list[Path]]:
@@ -174,7 +203,7 @@ def _make_hidden(final: Path) -> tuple[Path, list[Path]]:
         return hidden, [*made, hidden]
     except OSError as error:
         _remove(made)
-        raise RunFolderError(f"{final}: cannot be written: {_reason(error)}; expected a writable folder") from None
+        raise _unwritable(final, error) from None
 
 
 def _mark() -> str:
@@ -260,8 +289,3 @@ def _publish(hidden: Path, final: Path, numbered: bool) -> Path:
             continue
         flush_folder(place.parent)
         return place
-
-
-def _reason(error: OSError) -> str:
-    about = f" ({error.filename})" if error.filename else ""
-    return f"{error.strerror or error}{about}"

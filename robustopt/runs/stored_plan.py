@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from robustopt.arrays import Array
 from robustopt.config import Config
 from robustopt.errors import RunFolderError, SolverFailed
+from robustopt.files import MOST_BYTES, read_text
 from robustopt.limits import rows_along
 from robustopt.limits.grid import Grid
 from robustopt.limits.track import build_track
@@ -65,14 +67,14 @@ def _grid_of(s: Array, line: RobotPath) -> Grid | None:
 def _read(path: Path) -> tuple[list[str], Array]:
     """Return the head and the numbers of a file."""
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            head, *lines = csv.reader(file)
+        head, *lines = csv.reader(io.StringIO(read_text(path, MOST_BYTES), newline=""))
         short = next((i for i, line in enumerate(lines, 2) if len(line) != len(head)), None)
         if short is not None:
             raise _changed(path, f"line {short} is cut short, or has been changed")
         numbers = np.array(lines, dtype=float).reshape(-1, len(head))
-    except (OSError, ValueError) as error:
-        raise RunFolderError(f"{path}: cannot be read as a plan: {error}") from None
+    except (OSError, ValueError, csv.Error) as error:
+        found = getattr(error, "strerror", None) or error
+        raise RunFolderError(f"{path}: cannot be read as a plan: {found}") from None
     if not np.isfinite(numbers).all():
         row = int(np.flatnonzero(~np.isfinite(numbers).all(axis=1))[0])
         raise _changed(path, f"line {row + 2} has a number that is not finite")

@@ -207,6 +207,7 @@ def faster(plan: Plan, speed: float) -> Plan:
 
 
 def _require_usable(trajectory: Trajectory, execution: ExecutionConfig) -> None:
+    """Check that the trajectory is finite, and that a trial has neither too few steps nor too many."""
     for name in ("s", "sd", "times"):
         wrong = np.flatnonzero(~np.isfinite(getattr(trajectory, name)))
         if wrong.size:
@@ -217,10 +218,12 @@ def _require_usable(trajectory: Trajectory, execution: ExecutionConfig) -> None:
             f"{trajectory.duration:.3g} s",
             key="execution.timestep",
         )
-    steps = (trajectory.duration + sum(execution.hold)) / execution.timestep
-    if steps > MOST_STEPS:
-        raise ConfigError(
-            f"found {execution.timestep:g} s, with which the motion of {trajectory.duration:.0f} s takes {steps:,.0f} "
-            f"steps; expected at most {MOST_STEPS:,} steps",
-            key="execution.timestep",
-        )
+    time = trajectory.duration + sum(execution.hold)
+    periods = {"timestep": execution.timestep, "disturbance.hold": execution.disturbance.hold}
+    for key, period in periods.items():
+        if time > MOST_STEPS * period:
+            raise ConfigError(
+                f"found {period:g} s, of which a trial of {time:.4g} s has {time / period:.3g}; expected at most "
+                f"{MOST_STEPS:,}",
+                key=f"execution.{key}",
+            )

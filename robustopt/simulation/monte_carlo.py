@@ -15,7 +15,8 @@ import numpy as np
 from robustopt.arrays import Array
 from robustopt.config import Config, ExecutionConfig
 from robustopt.errors import ConfigError, SimulationFailed
-from robustopt.processes import AHEAD, cores, in_order, in_processes
+from robustopt.processes import cores, in_processes
+from robustopt.simulation.cluster import on_cluster
 from robustopt.simulation.controller import Gains, Reference, controls
 from robustopt.simulation.disturbance import CALIBRATION, FORCE, WORLD, calibration, forces, generator
 from robustopt.simulation.feedback import with_errors
@@ -29,9 +30,6 @@ CHUNK = 25
 
 CHUNK_STEPS = 200_000
 """Largest number of time steps of all trials in a chunk of several: records take up to about 300 MB."""
-
-CONNECT = 10
-"""Longest time to wait for a Dask scheduler and its workers [s]."""
 
 Progress = Callable[[int, int, int], None]
 """Function that is called with the numbers of trials done, requested, and succeeded."""
@@ -257,7 +255,7 @@ def _chunk_outcomes(job: Job, trials: Sequence[int], workers: Workers) -> Genera
     size = max(1, min(CHUNK, CHUNK_STEPS // len(job.planned.t)))
     chunks = [trials[i : i + size] for i in range(0, len(trials), size)]
     if workers.scheduler is not None:
-        return _on_cluster(job, chunks, workers.scheduler)
+        return on_cluster(run_trials, [(job, chunk, 1) for chunk in chunks], workers.scheduler)
     if processes > 1:
         tasks = [(job, chunk, threads) for chunk in chunks]
         return in_processes(run_trials, tasks, processes, SimulationFailed)
@@ -278,27 +276,3 @@ def _here(job: Job, chunks: Sequence[Sequence[int]], threads: int) -> Generator[
     workspace = Workspace()
     for chunk in chunks:
         yield run_trials(job, chunk, threads, workspace)
-
-
-def _on_cluster(job: Job, chunks: Sequence[Sequence[int]], scheduler: str) -> Generator[list[TrialOutcome], None, None]:
-    """Run chunks on a cluster, one thread each; Dask gives the chunks of a lost worker to another."""
-    try:
-        from distributed import Client, KilledWorker
-    except ImportError:
-        raise ConfigError("a Dask cluster needs the package `distributed`: pip install 'robustopt[dask]'") from None
-    try:
-        client = Client(scheduler, timeout=CONNECT)
-    except (OSError, ValueError) as error:
-        raise SimulationFailed(f"The Dask scheduler {scheduler} cannot be reached: {error}") from None
-    with client:
-        try:
-            client.wait_for_workers(1, timeout=CONNECT)
-        except TimeoutError:
-            raise SimulationFailed(f"The Dask scheduler {scheduler} has no workers; expected at least one") from None
-        ahead = AHEAD * sum(client.nthreads().values())
-        try:
-            yield from in_order(
-                lambda chunk: client.submit(run_trials, job, chunk, 1, pure=False).result, chunks, ahead
-            )
-        except KilledWorker as error:
-            raise SimulationFailed(f"Workers of the Dask cluster died repeatedly: {error}") from error

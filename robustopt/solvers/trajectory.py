@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robustopt.errors import ConfigError, Infeasible, SolverFailed
+from robustopt.files import write_text, written
 
 if TYPE_CHECKING:
     from robustopt.path import Path
@@ -37,7 +38,7 @@ MERGE = 1e-3
 """A last partial period shorter than this fraction of a period is merged into the one before it: a multiple of the
 period that misses the end by rounding must not become two samples at the same time (our choice)."""
 
-MOST_SAMPLES = 10_000_000
+MOST_SAMPLES = 1_000_000
 """Largest number of samples; more indicate a mistake in the period (our choice)."""
 
 
@@ -255,7 +256,7 @@ def export(plan: Plan, folder: FilePath | str, period: float | None = None) -> l
     files = [folder / name for name in ("plan.csv", "trajectory.csv", "joint_trajectory.json")]
     write_plan_csv(plan, files[0])
     write_trajectory_csv(plan, period, files[1])
-    files[2].write_text(message + "\n", encoding="utf-8")
+    write_text(files[2], message + "\n")
     return files
 
 
@@ -341,7 +342,7 @@ def columns(samples: Samples, joint_names: tuple[str, ...]) -> tuple[list[str], 
 
 def _write_csv(samples: Samples, joint_names: tuple[str, ...], path: FilePath) -> None:
     heads, rows = columns(samples, joint_names)
-    with open(path, "w", newline="", encoding="utf-8") as file:
+    with written(path) as beside, beside.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(heads)
         writer.writerows(rows.tolist())
