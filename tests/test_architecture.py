@@ -112,6 +112,7 @@ LAYERS = [
     ["runs"],
     ["tables", "frames", "plotting"],
     ["plotting/views"],
+    ["page"],
     ["report"],
     ["cli"],
     ["__main__"],

@@ -29,12 +29,11 @@ def make_noisy(module, name):
     setattr(module, name, noisy)
 
 if os.environ.pop("NOISY", None):  # some imports start processes of their own
-    from robustopt.limits import problem
     from robustopt.simulation import monte_carlo
-    from robustopt.solvers import force_program, ipopt
+    from robustopt.solvers import build, force_program, ipopt
 
     os.environ["NOISY"] = "yes"  # for the workers
-    make_noisy(problem, "build_track")
+    make_noisy(build, "build_track")
     make_noisy(force_program, "LinearProgram")
     make_noisy(ipopt, "_minimise")
     make_noisy(monte_carlo, "simulate_trials")
