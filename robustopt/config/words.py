@@ -77,8 +77,12 @@ def _one(annotation: Any, constraints: Sequence[Any]) -> str:
 
 
 def _several(annotation: Any) -> str:
-    head, tail = _noun(choices(annotation)[0], ())
-    return f"{head}s{tail}"
+    return " or ".join(_plural(choice) for choice in choices(annotation))
+
+
+def _plural(annotation: Any) -> str:
+    head, tail = _noun(annotation, ())
+    return head if get_origin(unwrap(annotation)[0]) is Literal else f"{head}s{tail}"
 
 
 def _noun(annotation: Any, constraints: Sequence[Any]) -> tuple[str, str]:
