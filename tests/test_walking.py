@@ -355,7 +355,7 @@ def test_the_certificate_stands_on_one_foot_at_every_switch_of_three_steps() -> 
     )
     problem = build_problem(configured(steps))
     at = SimpleNamespace(s=problem.path.switches)
-    standing = stances(SimpleNamespace(problem=problem), at)
+    standing = stances(problem.path, at)
     assert [len(problem.path.stances[k].contacts) for k in standing] == [1] * 6
 
 

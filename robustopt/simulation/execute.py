@@ -223,7 +223,7 @@ def _require_usable(trajectory: Trajectory, execution: ExecutionConfig) -> None:
     for key, period in periods.items():
         if time > MOST_STEPS * period:
             raise ConfigError(
-                f"found {period:g} s, of which a trial of {time:.4g} s has {time / period:.3g}; expected at most "
+                f"found {period:g} s, so a trial of {time:.4g} s has {time / period:,.0f} of them; expected at most "
                 f"{MOST_STEPS:,}",
                 key=f"execution.{key}",
             )
