@@ -220,7 +220,7 @@ def test_a_trial_has_a_bounded_number_of_steps_and_of_forces(key):
     config = load_config(WAITER, [f"execution.{key}=1e-9"])
     times = np.array([0.0, 3.0])
     trajectory = Trajectory(times, times / 3, np.ones(2), np.zeros(1), np.zeros(2, dtype=np.intp), None)  # type: ignore
-    with pytest.raises(ConfigError, match=rf"execution.{key}: found 1e-09 s, of which a trial of 3.8 s has 3.8e\+09"):
+    with pytest.raises(ConfigError, match=rf"execution.{key}: found 1e-09 s, so a trial of 3.8 s has 3,800,"):
         _require_usable(trajectory, config.execution)
 
 

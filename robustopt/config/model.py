@@ -132,9 +132,10 @@ class UncertaintyConfig(Section):
     )
     inertia: dict[str, Literal["realizable"] | tuple[Positive, Positive]] = Field(
         default={},
-        description="inertia about the centre of mass, by object name or `tray`; `realizable`: that of any distribution "
-        "of the mass within the shape that has the centre of mass; or the lowest and highest factor on the given "
-        "inertia; default: `realizable` for a body whose centre of mass has an interval, else the given inertia",
+        description="inertia about the centre of mass, by object name or `tray`; `realizable`: that of any "
+        "distribution of the mass within the shape that has the centre of mass; or the lowest and highest factor on "
+        "the given inertia; default: `realizable` for a body whose centre of mass has an interval, else the given "
+        "inertia",
     )
     joint_acceleration: AccelerationError | None = Field(
         default=None, description="interval of the error of the joint acceleration"
