@@ -71,7 +71,7 @@ def command(arguments: list[str], folder: Path) -> tuple[int, str, str]:
         ["execute", "ipopt", "--trials", "2"],
         ["execute", "reachability", "--trials", "4", "--workers", "2", "execution.variation.friction=0.01"],
         ["execute", BLOCK, *SMALL, "--trials", "2"],
-        ["learn", BLOCK, *SMALL, "learning.iterations=2"],
+        pytest.param(["learn", BLOCK, *SMALL, "learning.iterations=2"], marks=pytest.mark.slow),
         ["validate", BRIDGE],
         ["report", "ipopt"],
         ["runs", "."],

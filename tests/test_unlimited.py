@@ -49,7 +49,7 @@ def solved(config: Config, method: str) -> Plan:
     return plan
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", ["reachability", pytest.param("ipopt", marks=SLOW)])
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", ["waiter_one_block", *(pytest.param(f"waiter_{more}", marks=SLOW) for more in MORE)])
 def test_a_relaxed_limit_never_lengthens_a_plan(name, kind, method):
