@@ -246,7 +246,7 @@ def _realizable(config: Config) -> Iterator[Finding]:
             continue
         reach = config.uncertainty.center_of_mass.get(name)
         farthest = np.abs(body.center_of_mass) + np.array(reach or (0.0, 0.0, 0.0))
-        half = half_extents(body) if isinstance(body, ObjectConfig) else 0.5 * np.array(body.size)
+        half = half_extents(body)
         excess = farthest - half
         if isinstance(body, ObjectConfig) and body.shape == "cylinder":
             excess[:2] = np.hypot(*farthest[:2]) - half[0]

@@ -20,7 +20,7 @@ from robustopt.config import Config, ObjectConfig, TrayConfig
 from robustopt.config.per_name import value_of
 from robustopt.errors import ConfigError
 from robustopt.limits.bodies import Body, inertia_matrix, realizable_body, uncertain_body
-from robustopt.scene.placement import TRAY, placements
+from robustopt.scene.placement import TRAY, half_extents, placements
 
 Interval = tuple[float, float]
 
@@ -202,17 +202,3 @@ def _extents(item: TrayConfig | ObjectConfig, reach: tuple[float, float, float])
     if isinstance(item, ObjectConfig) and item.shape == "cylinder":
         free[:2] = free[:2].sum()
     return np.sqrt(np.maximum(half**2 + free, 0.0))
-
-
-def half_extents(item: TrayConfig | ObjectConfig) -> Array:
-    """Return half the extents of the tray or of an object along its axes, (3,) [m].
-
-    Args:
-        item: the tray or the object.
-    """
-    if isinstance(item, ObjectConfig) and item.shape == "cylinder":
-        assert item.radius is not None
-        assert item.height is not None
-        return np.array([item.radius, item.radius, 0.5 * item.height])
-    assert item.size is not None
-    return 0.5 * np.array(item.size)

@@ -100,16 +100,17 @@ def half_height(body: ObjectConfig | TrayConfig) -> float:
     return 0.5 * float(height)
 
 
-def half_extents(body: ObjectConfig) -> Array:
-    """Return half the extents of an object along its own axes, (3,) [m].
+def half_extents(body: TrayConfig | ObjectConfig) -> Array:
+    """Return half the extents of the tray or an object along its own axes, (3,) [m].
 
     Args:
-        body: the object.
+        body: the tray or the object.
     """
     if body.size is not None:
         return 0.5 * np.array(body.size)
-    assert body.radius is not None, "checked when the configuration was read"
-    return np.array([body.radius, body.radius, half_height(body)])
+    radius = getattr(body, "radius", None)
+    assert radius is not None, "checked when the configuration was read"
+    return np.array([radius, radius, half_height(body)])
 
 
 def standing_order(objects: Mapping[str, ObjectConfig]) -> tuple[str, ...]:
