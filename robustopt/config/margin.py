@@ -16,7 +16,8 @@ def has_intervals(config: Config) -> bool:
     Args:
         config: the configuration.
     """
-    return any(wide for _, wide in (*_expected(config), *_bodies(config)))
+    varies = (config.inertia_of(name) != (1.0, 1.0) for name in config.uncertainty.inertia)
+    return any(varies) or any(wide for _, wide in (*_expected(config), *_bodies(config)))
 
 
 def without_margin(config: Config) -> str:

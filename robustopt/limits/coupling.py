@@ -143,12 +143,9 @@ def coupled_value(family, b, f, i, work):
         if value > largest:
             largest = value
             _copy(here.error, here.worst)
-    # The values again at the worst error, without the rounding errors of the steps.
-    _find_row(family, b, f, i, work)
-    _choose_errors(wrench, here)
-    here.error[:] = 0.0
     for k in range(count):
-        _step(here, here.chosen[k], here.worst[here.chosen[k]], K)
+        e = here.chosen[k]
+        _step(here, e, here.worst[e] - here.error[e], K)
     largest = _value(wrench, here, n)
     _set_worst(wrench, here, n, work)
     return largest

@@ -1,9 +1,9 @@
 """Plan one task for many settings of friction, masses, centres of mass, forces and errors.
 
-All settings share the robot, the path, the grid that suits the configuration's own values, and their dynamics; the
-rest is computed anew, by the functions that plan a single task. So a plan of a batch equals the plan of its setting
-alone on the same grid, bit for bit. If only durations are wanted and
-the work is worth it, several processes share it; the result does not depend on their number.
+All settings share the robot, the path, the grid that suits the configuration's own values, and their dynamics. All else
+is computed by the functions that plan a single task. So a plan of a batch equals the plan of its setting alone on the
+same grid, bit for bit. If only durations are wanted and the work takes long enough, several processes share it; the
+result does not depend on their number.
 """
 
 from __future__ import annotations
