@@ -14,6 +14,7 @@ from learned import Bench
 
 from robustopt.confidence import upper_bound
 from robustopt.config import Config
+from robustopt.learning.cost_map import settled
 from robustopt.learning.learner import Belief
 from robustopt.learning.moments import ErrorInterval
 from robustopt.runs.beliefs import Planner, learned_from
@@ -122,7 +123,7 @@ class _Walk:
         return known
 
     def _duration(self, i: int) -> float:
-        return self.plans[i][1] or np.inf
+        return float(settled(np.array(self.plans[i][1] or np.inf)))
 
     def found(self, rates: Sequence[float]) -> Iterator[Found]:
         at = 0

@@ -12,8 +12,9 @@ from scipy.stats import beta
 from synthetic_worlds import World, run
 
 from robustopt.errors import ConfigError
+from robustopt.learning import boundary
 from robustopt.learning.bisection import Bisection
-from robustopt.learning.boundary import cloud
+from robustopt.learning.boundary import Cloud, cloud
 from robustopt.learning.branch_and_bound import Diagonal, Midpoint
 from robustopt.learning.cost_map import CostMap
 from robustopt.learning.informed import TRUST, Informed, _chance_by_monotony
@@ -355,3 +356,39 @@ def test_informed_reaches_thresholds_of_four_parameters_that_no_sample_is_like()
     learner = Informed(parameters=unit(4), cost=task.cost, budget=40)
     state = solve(learner, lambda point: task.margin(point[None])[0] >= 0)
     assert task.cost(point_of(learner.best(state))[None])[0] <= 1.05 * task.optimum
+
+
+# Last bits ------------------------------------------------------------------------------------------------
+
+
+def flat_in_parts(points):
+    """Durations that are the same over whole regions, each parameter mattering only beyond its own place."""
+    return np.max(1.0 + np.maximum(points - np.linspace(0.3, 0.5, points.shape[1]), 0.0) ** 2, axis=1)
+
+
+@pytest.mark.parametrize("k", [2, 3])
+@pytest.mark.parametrize("executions", [1, 3])
+@every_learner
+def test_the_last_bits_of_durations_and_margins_decide_nothing(make, k, executions, monkeypatch):
+    margin = Cloud.margin
+
+    def run_of(seed):
+        random = np.random.default_rng(seed)
+
+        def perturbed(values):
+            return values if seed is None else values * (1 + 1e-12 * random.uniform(-1, 1, np.shape(values)))
+
+        monkeypatch.setattr(Cloud, "margin", lambda self, points: perturbed(margin(self, points)))
+        learner = make(
+            parameters=unit(k), cost=lambda points: perturbed(flat_in_parts(points)), gap=0.002, plans=200,
+            budget=24 if (k, executions) == (2, 1) else 12,
+            executions_per_plan=executions,
+        )  # fmt: skip
+        return solve(learner, lambda point: bool(np.sum(point) > 0.9 * k / 2))
+
+    exact = run_of(None)
+    assert len(exact.points) > 5
+    for seed in range(3):
+        boundary._CLOUDS.clear()
+        assert run_of(seed).points == exact.points
+    boundary._CLOUDS.clear()

@@ -99,8 +99,8 @@ def test_dry_run_shows_the_configuration_and_the_size_and_writes_nothing(run, tm
     data = json.loads(run("plan", tmp_path / "again.yaml", "--dry-run", "--json")[1])
     assert data["size"]["grid_points"] == 20 + 3  # three sweeps, each with its own first and last point
     assert data["size"]["rows"] > data["size"]["rows_after_pruning"] > 0
-    assert (data["size"]["objects"], data["size"]["interfaces"]) == (2, 2)
-    assert data["size"]["generators"] == 2 * 4 * 16  # interfaces, corners of the patch, edges of the cone
+    assert (data["size"]["objects"], data["size"]["contacts"]) == (2, 2)
+    assert data["size"]["friction_edges"] == 2 * 4 * 16  # contacts, corners of the patch, edges of the cone
     assert f"generators          {data['size']['generators']}" in size
     assert data["config"]["contact"]["friction"] == 0.25
 

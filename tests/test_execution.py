@@ -131,6 +131,25 @@ def test_a_wrong_belief_fails_and_a_careful_one_succeeds():
         assert execute(plan_of(config, "reachability"), config, trials=3).success_rate == rate
 
 
+def test_the_last_bits_of_a_plan_decide_no_trial(monkeypatch):
+    config = waiter("two_blocks", "contact.friction=0.3232", "uncertainty={}", "execution.truth.friction=0.35")
+    plan = plan_of(config)
+    place = World.start
+    random = np.random.default_rng(0)
+
+    def moved(self, layout, q, size):
+        return place(self, layout, q, size) + 1e-14 * random.uniform(-1, 1, size)
+
+    before = execute(plan, config, trials=4)
+    monkeypatch.setattr(World, "start", moved)
+    after = execute(replace(plan, x=plan.x * (1 + 1e-12)), config, trials=4)
+    for one, other in zip(before.outcomes, after.outcomes, strict=True):
+        assert one.status is other.status
+        for name, moved_by in one.objects.items():
+            assert other.objects[name].slip == pytest.approx(moved_by.slip, rel=1e-5)
+            assert other.objects[name].tilt == pytest.approx(moved_by.tilt, rel=1e-5)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["one_block", "two_blocks"])
 def test_success_is_monotone_in_speed(name):

@@ -93,6 +93,33 @@ def test_the_same_seed_gives_the_same_states(learner, world):
 
 
 @every_case
+@every_world
+def test_the_last_bits_of_durations_and_errors_decide_nothing(learner, world, monkeypatch):
+    before = run(learner, world, 3)
+    random, execute, duration = np.random.default_rng(0), World.execute, World.duration
+
+    def perturbed(value):
+        return value * (1 + 1e-12 * random.uniform(-1, 1))
+
+    def planned(self, belief):
+        found = duration(self, belief)
+        return None if found is None else perturbed(found)
+
+    def executed(self, *arguments):
+        told = execute(self, *arguments)
+        total = tuple(perturbed(value) for value in told.errors.total)
+        return replace(told, errors=replace(told.errors, total=total))
+
+    monkeypatch.setattr(World, "duration", planned)
+    monkeypatch.setattr(World, "execute", executed)
+    after = run(learner, world, 3)
+    assert after.end is before.end
+    assert [row.result for row in after.rows] == [row.result for row in before.rows]
+    for one, other in zip(before.rows, after.rows, strict=True):
+        assert other.trial.belief.friction == one.trial.belief.friction
+
+
+@every_case
 def test_seeds_differ_in_a_noisy_world(learner):
     finals = {learner.dump(run(learner, WORLDS["noisy"], seed)) for seed in range(5)}
     assert len(finals) > 1

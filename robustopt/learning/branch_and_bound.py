@@ -17,7 +17,7 @@ import numpy as np
 
 from robustopt.arrays import Array, Flags
 from robustopt.errors import ConfigError
-from robustopt.learning.cost_map import CostMap
+from robustopt.learning.cost_map import CostMap, settled
 from robustopt.learning.learner import Learner, Row, State, Trial
 from robustopt.learning.monotone import Knowledge
 from robustopt.learning.outcomes import Belief, End, Result
@@ -286,7 +286,7 @@ class BranchAndBound(Learner[BranchState]):
         size = high - low
         wide = np.all(size > 0, axis=1) & np.any(size > self.delta, axis=1)
         low, high, size = low[wide], high[wide], size[wide]
-        worth = np.prod(size, axis=1) * np.log(cut / self.map.guide(low))
+        worth = settled(np.prod(size, axis=1) * np.log(cut / self.map.guide(low)))
         return low[worth > 0], high[worth > 0], worth[worth > 0]
 
     def _places(

@@ -27,9 +27,28 @@ FLAT = 1e-4
 FLAT_NODES = 5
 """Smallest number of nodes of one axis that shows that f* does not change."""
 
+BITS = 30
+"""Binary digits to which durations are compared, about 9 decimal ones: solvers agree to 11 on different processors."""
+
+
+def settled(durations: Array) -> Array:
+    """Return durations to `BITS` binary digits, so that equal ones are equal and no last bit decides between them.
+
+    Args:
+        durations: durations [s], of any shape; inf stays inf.
+
+    Returns:
+        Durations of the same shape [s].
+    """
+    mantissa, exponent = np.frexp(durations)
+    return np.asarray(np.ldexp(np.round(mantissa * 2.0**BITS) / 2.0**BITS, exponent))
+
 
 class CostMap:
     """The duration f* over the unit cube: exact at single points, and interpolated from a grid as a guide.
+
+    All durations are `settled`: learners compare them, and f* is often the same over a whole region, where another
+    limit binds than the ones that the parameters move.
 
     The interpolation is multilinear in log f*, so it grows with every parameter if f* does. It chooses the points at
     which f* is evaluated; no bound rests on it.
@@ -58,7 +77,7 @@ class CostMap:
         """
         if len(points) == 0:
             return np.zeros(0)
-        return np.asarray(self._cost(values(self._parameters, points)), dtype=float)
+        return settled(np.asarray(self._cost(values(self._parameters, points)), dtype=float))
 
     def longest(self) -> float:
         """Return the duration of the longest plan of the grid [s]; inf if the grid has no plan."""
@@ -84,7 +103,7 @@ class CostMap:
         for corner in np.ndindex(*(2,) * nodes.ndim):
             weight = np.prod(np.where(corner, share, 1 - share), axis=1)
             total += weight * table[(cell + np.array(corner)) @ strides]
-        return np.exp(total)
+        return settled(np.exp(total))
 
     def require_growth(self) -> None:
         """Check that f*, at the nodes of the grid, depends on every parameter and never decreases along one.

@@ -98,9 +98,9 @@ def problem_size(problem: TimeScalingProblem) -> ProblemSize:
         rows_after_pruning=int(np.count_nonzero((problem.a != 0) | (problem.b != 0))),
         joints=problem.robot.n,
         objects=len(problem.config.objects),
-        interfaces=len(problem.config.environment_contacts) + len(patches(problem.config)),
+        contacts=len(problem.config.environment_contacts) + len(patches(problem.config)),
         contact_systems=len(systems),
-        generators=sum(system.generators.shape[1] for system in systems),
+        friction_edges=sum(system.generators.shape[1] for system in systems),
     )
 
 

@@ -92,9 +92,9 @@ class ProblemSize(Record):
     rows_after_pruning: int
     joints: int
     objects: int
-    interfaces: int
+    contacts: int
     contact_systems: int
-    generators: int
+    friction_edges: int
 
 
 class GridRecord(Record):
