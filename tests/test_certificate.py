@@ -38,10 +38,20 @@ TALL = {"shape": "box", "size": [0.1, 0.1, 0.4], "mass": 0.5}
 """A box that tips at a quarter of gravity."""
 
 
-class LinePath:
-    """q(s) = start + s direction, one piece."""
+class OnePiece:
+    """A path of one piece."""
 
     stances = switches = ()
+
+    def __call__(self, s: np.ndarray, order: int = 0) -> np.ndarray:
+        return self.evaluate(s, np.zeros(len(s), dtype=int), order)
+
+    def fine_grid(self) -> np.ndarray:
+        return np.linspace(0.0, 1.0, 21)
+
+
+class LinePath(OnePiece):
+    """q(s) = start + s direction, one piece."""
 
     def __init__(self, direction: list[float]) -> None:
         self.direction = np.array(direction)
@@ -51,10 +61,8 @@ class LinePath:
         return values[:, None] * self.direction
 
 
-class BumpPath:
+class BumpPath(OnePiece):
     """One joint: q'' is a half wave of height `bump` for s between 0.4 and 0.6, and 0 elsewhere."""
-
-    stances = switches = ()
 
     def __init__(self, bump: float) -> None:
         self.bump = bump
