@@ -61,6 +61,17 @@ class LinePath(OnePiece):
         return values[:, None] * self.direction
 
 
+class CubicPath(OnePiece):
+    """q(s) = bend @ (s, s^2, s^3)."""
+
+    def __init__(self, bend: np.ndarray) -> None:
+        self.bend = bend
+
+    def evaluate(self, s: np.ndarray, piece: np.ndarray, order: int = 0) -> np.ndarray:
+        powers = np.stack([[s, s**2, s**3], [np.ones_like(s), 2 * s, 3 * s**2], [0 * s, 2 + 0 * s, 6 * s]][order])
+        return powers.T @ self.bend
+
+
 class BumpPath(OnePiece):
     """One joint: q'' is a half wave of height `bump` for s between 0.4 and 0.6, and 0 elsewhere."""
 
@@ -370,9 +381,7 @@ def test_load_torque_against_a_model_with_the_load_in_it() -> None:
     config = scene(objects=stack, joints=[[0.0] * 6, [1.0] * 6], robot_keys=robot_keys, tray=tray)
     robot = load_robot(config)
     rng = np.random.default_rng(0)
-    bend = rng.normal(size=(3, 6))
-    path = SimpleNamespace(evaluate=lambda s, piece, order=0: _cubic(bend, s, order), stances=(), switches=())
-    plan = timing(config, path, np.array([3.0, -3.0]))
+    plan = timing(config, CubicPath(rng.normal(size=(3, 6))), np.array([3.0, -3.0]))
     plan.problem.robot = robot
     world, moving, at = seen(config, plan, (0.3, 0.7))
     _, joints = motion(task_of(plan), at)
@@ -381,11 +390,6 @@ def test_load_torque_against_a_model_with_the_load_in_it() -> None:
     own = torques(world, joints, at.free, body_loads(world, moving, values), values).T
     qdd = (joints.acceleration + error).T
     np.testing.assert_allclose(own, _with_load(robot, world, joints.position.T, joints.velocity.T, qdd), atol=1e-9)
-
-
-def _cubic(bend: np.ndarray, s: np.ndarray, order: int) -> np.ndarray:
-    powers = np.stack([[s, s**2, s**3], [np.ones_like(s), 2 * s, 3 * s**2], [0 * s, 2 + 0 * s, 6 * s]][order])
-    return powers.T @ bend
 
 
 def _with_load(robot: Any, world: World, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:

@@ -38,7 +38,7 @@ from robustopt.limits.cones import (
     wrench_generators,
 )
 from robustopt.limits.names import LimitKind, LimitName
-from robustopt.limits.twist import cup_rows, grip_rows
+from robustopt.limits.twist import elastic_rows, grip_rows
 from robustopt.scene.patches import Law, Patch, eroded
 
 NO_ROWS, NO_TIPS = np.zeros((0, 6)), np.zeros(0, dtype=bool)
@@ -183,8 +183,9 @@ def _elastic(
     """Return the twist rows of patches in the plane of `whole`, over the wrench and a vacuum at each patch."""
     centre, _ = _centred(whole)
     local = [(patch.points - centre) @ whole.axes[:, :2] for patch in nominal]
-    turned = abs(np.cos(whole.turn)) + abs(np.sin(whole.turn))  # the square in the axes of the patch around that of the support
-    return _extended(cup_rows(local, mu, edges, [turned * distance for distance in reach]), _into_patch(whole))
+    # points move in squares along the axes of the support; those along the axes of the patch around them are larger
+    around = abs(np.cos(whole.turn)) + abs(np.sin(whole.turn))
+    return _extended(elastic_rows(local, mu, edges, [around * distance for distance in reach]), _into_patch(whole))
 
 
 def _suction(

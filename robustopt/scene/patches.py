@@ -117,9 +117,7 @@ def _patches(tray: TrayConfig | None, solids: Solids, points: int, twisted: froz
     return tuple(found)
 
 
-def _standing_patch(
-    name: str, support: str, polygon: Array, placement: Placement, turn: float, fixed: bool
-) -> Patch:
+def _standing_patch(name: str, support: str, polygon: Array, placement: Placement, turn: float, fixed: bool) -> Patch:
     foot = np.array([0.0, 0.0, float(placement.planar[2]) - placement.half_height])
     if placement.root == TRAY:
         return Patch(name, name, support, polygon, foot, UPRIGHT, turn, fixed=fixed)
