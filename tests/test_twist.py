@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -352,7 +354,8 @@ def turning(radius: float, **keys: object) -> Config:
     """A gantry that moves a block by 0.1 m while it turns about an axis at a distance."""
     joints = [[0.0, 0.0, 0.0, 0.0], [0.07, 0.07, 0.0, 0.1 / radius]]
     quick = {"limits": {"all": {"velocity": 100.0, "acceleration": 1000.0}}}
-    return scene("gantry", {"block": BLOCK | keys}, contact={"friction": 0.3}, joints=joints, robot_keys=quick)
+    sections = {"contact": {"friction": 0.3}, "solver": {"collocation_points": 20}}
+    return scene("gantry", {"block": BLOCK | keys}, joints=joints, robot_keys=quick, **sections)
 
 
 def bounds_twist(config: Config) -> bool:
@@ -392,3 +395,15 @@ def test_a_block_that_twists_is_planned_slower_and_certified() -> None:
     promised = certify(replace(free, problem=replace(free.problem, config=fixed.problem.config)))
     assert not promised.passed
     assert promised.worst.limit == "twist of block on tray"
+
+
+@pytest.mark.parametrize(("twist", "least", "most"), [(0.0, 0.995, 1.0), (1.0, 0.92, 0.94), (np.inf, 0.995, 1.0)])
+def test_a_block_in_mujoco_yields_before_free_pressure_does_if_it_is_pushed_and_twisted(
+    twist: float, least: float, most: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "experiments"))
+    block_twist = importlib.import_module("block_twist")
+    case = block_twist.Case(block_twist.REST, 1, (0.0, 0.0), 0.5, 45.0, twist)
+    free, fixed = (block_twist.planned(case, pressure) for pressure in ("free", "fixed"))
+    assert list(block_twist.slides(case, free * np.array([least, most + 0.005]))) == [False, True]
+    assert not block_twist.slides(case, np.array([0.995 * fixed]))[0]

@@ -1,10 +1,11 @@
 """Objects that turn nearly in place, whose pressure is prescribed by default.
 
 If a body with its centre of mass at distance R from the axis of a turn begins to turn, the twist about the normal of
-its support is lambda = I / (m R r) of the friction force times r, the distance of the farthest corner of its base. In
-MuJoCo a plan with free pressure promises up to 0.8 % too much acceleration at lambda = 0.1 and 2.5 % at 0.2
-(experiments/block_twist.py). A path that turns and also moves sideways changes both along the way, so the smallest R
-counts and `LEAST_TWIST` is half of 0.1 (our choice).
+its support is I / (m R r) of the friction force times r, the distance of the farthest corner from the middle of its
+base. In MuJoCo a plan with free pressure promises up to 0.3 % too much acceleration at a twist of 0.05, 0.8 % at 0.1
+and 2.8 % at 0.2 (experiments/block_twist.py). R and the direction of the turn change along the path, so that the twist
+of a motion can be larger than that of its directions. So the largest one along the path counts, and the limit is 0.05
+(our choice).
 """
 
 from __future__ import annotations
