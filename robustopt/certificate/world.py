@@ -16,7 +16,7 @@ from robustopt.config import Config
 from robustopt.config.per_name import value_of
 from robustopt.limits.hands import hand_patches
 from robustopt.limits.names import LimitKind, LimitName
-from robustopt.limits.turning import twisted
+from robustopt.limits.turning import carrier_rates, twisted
 from robustopt.path import Path
 from robustopt.robot import Robot
 from robustopt.scene.patches import Law, Patch, patches
@@ -154,7 +154,7 @@ def build_world(config: Config, robot: Robot, path: Path, stance: Indices) -> Wo
         path: the path.
         stance: stance of each instant (T,), see `motion.stances`.
     """
-    held = [*_patches(config, twisted(config, robot, path)), *hand_patches(config, robot.hands)]
+    held = [*_patches(config, twisted(config, carrier_rates(robot, path))), *hand_patches(config, robot.hands)]
     resting = [_resting(robot, name) for name in robot.contacts]
     contacts, first = [], 0
     for patch in (*held, *resting):

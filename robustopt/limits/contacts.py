@@ -48,7 +48,7 @@ def contact_limits(
     _require_contacts(config, laws or {})
     friction, shift = uncertainty.worst_friction, dict(uncertainty.contact_points)
     systems = (
-        *object_systems(config, friction, shift, laws, twisted(config, track.robot, track.path)),
+        *object_systems(config, friction, shift, laws, twisted(config, track.rates)),
         *hand_systems(config, track.robot.hands, friction, shift),
     )
     return *_stance_limits(config, track, uncertainty), *carried_limits(config, track, uncertainty, systems)

@@ -10,6 +10,8 @@ of a motion can be larger than that of its directions. So the largest one along 
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from robustopt.arrays import Array
@@ -28,15 +30,32 @@ STILL = 1e-9
 """Rates below this part of all rates are rounding errors."""
 
 
-def twisted(config: Config, robot: Robot, path: Path) -> frozenset[str]:
+@lru_cache(maxsize=4)
+def carrier_rates(robot: Robot, path: Path) -> Array:
+    """Return the rates of the carrier frame along a path, whatever the grid of a plan.
+
+    Args:
+        robot: the robot.
+        path: the path.
+
+    Returns:
+        Velocity of the origin and angular velocity, carrier axes, per sd, (P, 2, 3) [m] and [rad]; empty for a robot
+        that carries nothing.
+    """
+    if not robot.has_carrier:
+        return np.zeros((0, 2, 3))
+    s = path.fine_grid()
+    return np.array([_rates(robot, q, q1) for q, q1 in zip(path(s), path(s, 1), strict=True)])
+
+
+def twisted(config: Config, rates: Array) -> frozenset[str]:
     """Return the objects without a `pressure` that the path turns nearly in place.
 
     Objects that share their load with others, on two supports or below such an object, are not among them.
 
     Args:
         config: the configuration.
-        robot: the robot.
-        path: the path.
+        rates: rates of the carrier frame (P, 2, 3).
     """
     own = {
         patch.object: patch
@@ -45,15 +64,10 @@ def twisted(config: Config, robot: Robot, path: Path) -> frozenset[str]:
         and config.objects[patch.object].pressure is None
         and stands_alone(config, patch.object)
     }
-    if not own:
-        return frozenset()
-    s = path.fine_grid()
-    rates = np.array([_rates(robot, q, q1) for q, q1 in zip(path(s), path(s, 1), strict=True)])
     return frozenset(name for name, patch in own.items() if _twist(config, patch, rates) > LEAST_TWIST)
 
 
 def _rates(robot: Robot, q: Array, q1: Array) -> Array:
-    """Return velocity of the origin and angular velocity of the carrier frame per sd, carrier axes (2, 3)."""
     _, axes, jacobian = robot.carrier_jacobian(q)
     return np.asarray((jacobian @ q1).reshape(2, 3) @ axes)
 
