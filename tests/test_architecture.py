@@ -48,6 +48,7 @@ LAYERS = [
     ["limits/laws"],
     ["limits/systems"],
     ["limits/stances", "limits/hands", "limits/load_sharing", "limits/uncertainty"],
+    ["limits/turning"],
     ["limits/coupling"],
     ["limits/row_values", "limits/clipping"],
     ["limits/row_bounds"],

@@ -38,10 +38,20 @@ TALL = {"shape": "box", "size": [0.1, 0.1, 0.4], "mass": 0.5}
 """A box that tips at a quarter of gravity."""
 
 
-class LinePath:
-    """q(s) = start + s direction, one piece."""
+class OnePiece:
+    """A path of one piece."""
 
     stances = switches = ()
+
+    def __call__(self, s: np.ndarray, order: int = 0) -> np.ndarray:
+        return self.evaluate(s, np.zeros(len(s), dtype=int), order)
+
+    def fine_grid(self) -> np.ndarray:
+        return np.linspace(0.0, 1.0, 21)
+
+
+class LinePath(OnePiece):
+    """q(s) = start + s direction, one piece."""
 
     def __init__(self, direction: list[float]) -> None:
         self.direction = np.array(direction)
@@ -51,10 +61,19 @@ class LinePath:
         return values[:, None] * self.direction
 
 
-class BumpPath:
-    """One joint: q'' is a half wave of height `bump` for s between 0.4 and 0.6, and 0 elsewhere."""
+class CubicPath(OnePiece):
+    """q(s) = bend @ (s, s^2, s^3)."""
 
-    stances = switches = ()
+    def __init__(self, bend: np.ndarray) -> None:
+        self.bend = bend
+
+    def evaluate(self, s: np.ndarray, piece: np.ndarray, order: int = 0) -> np.ndarray:
+        powers = np.stack([[s, s**2, s**3], [np.ones_like(s), 2 * s, 3 * s**2], [0 * s, 2 + 0 * s, 6 * s]][order])
+        return powers.T @ self.bend
+
+
+class BumpPath(OnePiece):
+    """One joint: q'' is a half wave of height `bump` for s between 0.4 and 0.6, and 0 elsewhere."""
 
     def __init__(self, bump: float) -> None:
         self.bump = bump
@@ -362,9 +381,7 @@ def test_load_torque_against_a_model_with_the_load_in_it() -> None:
     config = scene(objects=stack, joints=[[0.0] * 6, [1.0] * 6], robot_keys=robot_keys, tray=tray)
     robot = load_robot(config)
     rng = np.random.default_rng(0)
-    bend = rng.normal(size=(3, 6))
-    path = SimpleNamespace(evaluate=lambda s, piece, order=0: _cubic(bend, s, order), stances=(), switches=())
-    plan = timing(config, path, np.array([3.0, -3.0]))
+    plan = timing(config, CubicPath(rng.normal(size=(3, 6))), np.array([3.0, -3.0]))
     plan.problem.robot = robot
     world, moving, at = seen(config, plan, (0.3, 0.7))
     _, joints = motion(task_of(plan), at)
@@ -373,11 +390,6 @@ def test_load_torque_against_a_model_with_the_load_in_it() -> None:
     own = torques(world, joints, at.free, body_loads(world, moving, values), values).T
     qdd = (joints.acceleration + error).T
     np.testing.assert_allclose(own, _with_load(robot, world, joints.position.T, joints.velocity.T, qdd), atol=1e-9)
-
-
-def _cubic(bend: np.ndarray, s: np.ndarray, order: int) -> np.ndarray:
-    powers = np.stack([[s, s**2, s**3], [np.ones_like(s), 2 * s, 3 * s**2], [0 * s, 2 + 0 * s, 6 * s]][order])
-    return powers.T @ bend
 
 
 def _with_load(robot: Any, world: World, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:

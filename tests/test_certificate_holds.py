@@ -18,7 +18,7 @@ from robustopt.certificate.force_closure import GAP
 from robustopt.certificate.loads import body_loads
 from robustopt.certificate.motion import CARRIER
 from robustopt.certificate.systems import System
-from robustopt.certificate.twist import Hold, lip_pressure, pad_pressure, twist_gauge
+from robustopt.certificate.twist import Hold, elastic_pressure, pad_pressure, twist_gauge
 from robustopt.certificate.world import World
 from robustopt.config import Config
 from robustopt.config.load import load_config, with_values
@@ -209,7 +209,7 @@ def lip(mu: float = 0.5, points: int = 8) -> Hold:
     angle = 2 * np.pi * np.arange(points) / points
     plane = np.stack([np.cos(angle), np.sin(angle)])[:, :, None]
     friction = np.full((points, 1), mu)
-    return Hold((Face(0, points, 0),), plane, friction, lip_pressure(plane), np.eye(6), np.cos(np.pi / 16))
+    return Hold((Face(0, points, 0),), plane, friction, elastic_pressure(plane), np.eye(6), np.cos(np.pi / 16))
 
 
 def pads() -> Hold:

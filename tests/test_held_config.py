@@ -85,6 +85,11 @@ MISTAKES = {
         "found [45, 35]; expected the lowest value first: [35, 45]",
     ),
     "both on and held_by": ("objects.part.on=tray", "objects.part.on", "not allowed with held_by"),
+    "a pressure and held_by": (
+        "objects.part.pressure=fixed",
+        "objects.part.pressure",
+        "expected it in held_by.suction",
+    ),
     "a place and held_by": ("objects.part.at=[0.1, 0]", "objects.part.at", "expected it in held_by.suction"),
     "two tools": (
         f"{HELD}.grip={{pad: [0.02, 0.02], force: 40}}",

@@ -1,17 +1,25 @@
-"""Wrenches that cups and grips transmit, and their twist under prescribed pressure, against linear programs."""
+"""Wrenches that cups, grips and blocks transmit under free and prescribed pressure, against linear programs."""
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pytest
 from held import FAR, cup, edge_wrenches, friction_edges, grip, holding, largest_step, step_by_rows, system_of
+from scenes import plan_of, scene
 from scipy.spatial.transform import Rotation
 
+from robustopt.certificate.certify import certify
+from robustopt.config import Config
+from robustopt.errors import ConfigError
 from robustopt.limits.systems import TWIST, object_systems
-from robustopt.limits.twist import MOST_ROWS, affordable_edges, cup_rows, grip_rows
+from robustopt.limits.twist import MOST_ROWS, affordable_edges, elastic_rows, grip_rows
+from robustopt.solvers import build_problem
 
 F, MU, R = 50.0, 0.7, 0.05
 
@@ -149,7 +157,7 @@ def test_a_cup_of_prescribed_pressure_lies_in_the_free_one_and_meets_it_without_
 
 def test_a_twist_alone_is_resisted_at_the_radius_of_the_lip() -> None:
     """Every point slides across its radius: mu F r for a circle, less for a friction polygon that is not in its way."""
-    rows = cup_rows([lip_points(8)], [MU], 64, [0.0])
+    rows = elastic_rows([lip_points(8)], [MU], 64, [0.0])
     step = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0])
     assert step_by_rows(rows, with_force(np.zeros(6)), step) == pytest.approx(MU * F * R, rel=1e-3)
 
@@ -298,4 +306,104 @@ def test_the_twist_of_a_grip_holds_wherever_its_contact_points_are() -> None:
 )
 def test_patches_of_many_points_take_friction_polygons_of_fewer_edges(points: int, edges: int, left: int) -> None:
     assert affordable_edges(points, edges) == left
-    assert len(cup_rows([lip_points(points)], [MU], edges, [0.0])) <= MOST_ROWS + 2 * points
+    assert len(elastic_rows([lip_points(points)], [MU], edges, [0.0])) <= MOST_ROWS + 2 * points
+
+
+# Prescribed pressure of a block ---------------------------------------------------------------------------
+
+BLOCK = {"shape": "box", "size": [0.2, 0.1, 0.02], "mass": 0.5}
+CORNERS = np.array([[0.1, 0.05], [-0.1, 0.05], [-0.1, -0.05], [0.1, -0.05]])
+
+
+def test_twist_rows_of_a_block_are_what_elastic_normals_at_its_corners_resist() -> None:
+    config = scene(objects={"block": BLOCK | {"pressure": "fixed"}}, contact={"friction": MU})
+    system = object_systems(config, {"block": MU}, {})[0].about([np.array([0.0, 0.0, 0.005])])
+    twist = system.facets[system.kinds == TWIST]
+    columns, normals = prescribed(CORNERS, 16, np.full(4, MU)), np.zeros((4, 6))
+    normals[:, [2, 3, 4]] = elastic(CORNERS)
+    weight, bounded = np.array([0.0, 0.0, 10.0, 0.0, 0.0, 0.0]), 0
+    assert (system.names[TWIST], system.pressed) == ("twist of block on tray", ())
+    for step in directions(60, seed=5):
+        found = min(step_by_rows(twist, weight, step), largest_step(system.generators, weight, step))
+        if (normals @ (weight + min(found, FAR) * step)).min() > 1e-9:
+            assert found == pytest.approx(largest_step(columns, supplied(normals, weight), supplied(normals, step)))
+            bounded += 1
+    assert bounded > 20
+
+
+def test_the_twist_of_a_block_on_a_turned_one_holds_wherever_its_corners_are() -> None:
+    distance, yaw = 0.004, 0.5
+    lower = BLOCK | {"size": [0.3, 0.3, 0.02], "yaw": yaw}
+    upper = BLOCK | {"on": "lower", "yaw": -yaw, "pressure": "fixed"}
+    config = scene(objects={"lower": lower, "upper": upper}, contact={"friction": MU})
+    own = object_systems(config, {"lower": MU, "upper": MU}, {"upper": distance})[1]
+    own = own.about([np.array([0.0, 0.0, 0.025])])
+    weight, turn = np.array([0.0, 0.0, 10.0, 0.0, 0.0, 0.0]), Rotation.from_euler("z", yaw).as_matrix()[:2, :2]
+    for step in directions(4, seed=6):
+        step = step * np.array([1.0, 1.0, 0.3, 0.2, 0.2, 1.0])
+        found = step_by_rows(own.facets, weight, step)
+        for moved in (CORNERS + d @ turn.T for d in displacements(4, distance)):
+            normals = np.zeros((4, 6))
+            normals[:, [2, 3, 4]] = elastic(moved)
+            columns = prescribed(moved, 16, np.full(4, MU))
+            if (normals @ (weight + min(found, FAR) * step)).min() > 0.0:
+                assert found <= largest_step(columns, supplied(normals, weight), supplied(normals, step)) * 1.005
+
+
+def turning(radius: float, **keys: object) -> Config:
+    """A gantry that moves a block by 0.1 m while it turns about an axis at a distance."""
+    joints = [[0.0, 0.0, 0.0, 0.0], [0.07, 0.07, 0.0, 0.1 / radius]]
+    quick = {"limits": {"all": {"velocity": 100.0, "acceleration": 1000.0}}}
+    sections = {"contact": {"friction": 0.3}, "solver": {"collocation_points": 20}}
+    return scene("gantry", {"block": BLOCK | keys}, joints=joints, robot_keys=quick, **sections)
+
+
+def bounds_twist(config: Config) -> bool:
+    return build_problem(config).limits.contacts[0].system.bounds_twist
+
+
+def test_the_pressure_of_a_block_is_prescribed_by_default_if_the_path_turns_it_nearly_in_place() -> None:
+    """I / (m R r) = 0.05 for R = 0.745 m: I / m = (0.2^2 + 0.1^2) / 12 m^2, r = 0.112 m."""
+    assert bounds_twist(turning(0.7))
+    assert not bounds_twist(turning(0.8))
+    assert not bounds_twist(turning(0.1, pressure="free"))
+    assert bounds_twist(turning(10.0, pressure="fixed"))
+    assert bounds_twist(turning(1.0, inertia=[0.003, 0.003, 0.003]))
+
+
+def test_blocks_that_share_their_load_have_free_pressure() -> None:
+    post = {"shape": "box", "size": [0.04, 0.04, 0.05], "mass": 0.2}
+    objects = {
+        "left": post | {"at": [-0.1, 0.0]},
+        "right": post | {"at": [0.1, 0.0]},
+        "plank": BLOCK | {"size": [0.3, 0.05, 0.02], "on": ["left", "right"]},
+    }
+    joints = [[0.0, 0.0, 0.0, 0.0], [0.05, 0.05, 0.0, 1.0]]
+    (limit,) = build_problem(scene("gantry", objects, joints=joints)).limits.contacts
+    assert not limit.system.bounds_twist
+    objects["left"] = objects["left"] | {"pressure": "fixed"}
+    with pytest.raises(ConfigError, match=r"objects\.left\.pressure: found fixed, but it and right, plank share their"):
+        build_problem(scene("gantry", objects, joints=joints))
+
+
+def test_a_block_that_twists_is_planned_slower_and_certified() -> None:
+    free, fixed = (plan_of(turning(0.1, pressure=pressure)) for pressure in ("free", "fixed"))
+    assert 1.01 < fixed.duration / free.duration < 1.05
+    assert plan_of(turning(0.1)).duration == fixed.duration
+    assert certify(fixed).passed
+    assert certify(free).passed
+    promised = certify(replace(free, problem=replace(free.problem, config=fixed.problem.config)))
+    assert not promised.passed
+    assert promised.worst.limit == "twist of block on tray"
+
+
+@pytest.mark.parametrize(("twist", "least", "most"), [(0.0, 0.995, 1.0), (1.0, 0.92, 0.94), (np.inf, 0.995, 1.0)])
+def test_a_block_in_mujoco_yields_before_free_pressure_does_if_it_is_pushed_and_twisted(
+    twist: float, least: float, most: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "experiments"))
+    block_twist = importlib.import_module("block_twist")
+    case = block_twist.Case(block_twist.REST, 1, (0.0, 0.0), 0.5, 45.0, twist)
+    free, fixed = (block_twist.planned(case, pressure) for pressure in ("free", "fixed"))
+    assert list(block_twist.slides(case, free * np.array([least, most + 0.005]))) == [False, True]
+    assert not block_twist.slides(case, np.array([0.995 * fixed]))[0]

@@ -14,7 +14,7 @@ import numpy as np
 
 from robustopt.arrays import Array, Indices
 from robustopt.certificate.contact_points import Contacts, Face, inner_direction
-from robustopt.certificate.twist import Hold, lip_pressure, pad_pressure
+from robustopt.certificate.twist import Hold, elastic_pressure, pad_pressure
 from robustopt.geometry import contact_axes, rotation
 from robustopt.limits.names import LimitName
 from robustopt.scene.patches import Law, Patch
@@ -38,7 +38,7 @@ class Load:
 
 @dataclass(frozen=True, eq=False)
 class Pressure:
-    """Place of a hold with prescribed pressure: the cups of a part, or the two pads of a gripper, the driven one first.
+    """Place of a hold with prescribed pressure: the base of a block, the cups of a part, or two pads, the driven first.
 
     Attributes:
         centre: centre of the hold, in system units (3,).
@@ -68,7 +68,7 @@ class System:
         pull: required rows per vacuum, closing or internal force (rows, I + 1).
         inside: see `contact_points.inner_direction` (rows,).
         held: whether the block is held only by cups or pads.
-        hold: prescribed pressure of the hold that all faces form; None for supports and for free pressure.
+        hold: prescribed pressure of the hold that all faces form; None for free pressure.
         at: indices of the instants at which the floating base is the block; None if it is not.
         polygon: factor of friction, see `twist.Hold`.
     """
@@ -111,8 +111,10 @@ class System:
         assert own is not None
         away = contacts.point - own.centre.reshape(3, *[1] * (contacts.point.ndim - 1))
         plane = np.einsum("ij,i...->j...", own.axes[:, :2], away)
-        lips = self.faces[0].closing < 0
-        pressure = lip_pressure(plane) if lips else pad_pressure(*(face.last - face.first for face in self.faces))
+        elastic = self.faces[0].closing < 0
+        pressure = (
+            elastic_pressure(plane) if elastic else pad_pressure(*(face.last - face.first for face in self.faces))
+        )
         return Hold(self.faces, plane, contacts.mu, pressure, wrench_map(own.axes, own.centre), self.polygon)
 
 

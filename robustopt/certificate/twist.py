@@ -1,9 +1,9 @@
 """Twist of a hold with prescribed pressure: the largest moment about the normal that friction resists.
 
-If the load twists a hold, the normal forces N_i at the contact points p_i of its lips or of its two pads are not free.
-They follow from the wrench of the hold: for lips as elastic normal forces (least squares, which may be below 0), for
-pads as equal normal forces on each pad. Friction then balances the twist (f_x, f_y, m_z) about the centre of the hold
-if
+A hold is what bears a block: cups, two pads, or the support that the block stands on. If the load twists it, the normal
+forces N_i at its contact points p_i are not free. They follow from the wrench of the hold: for lips and bases as
+elastic normal forces (least squares, which may be below 0), for pads as equal normal forces on each pad. Friction then
+balances the twist (f_x, f_y, m_z) about the centre of the hold if
 
     slack(y) = sum_i mu_i N_i |y_xy + y_z (-p_iy, p_ix)| - y (f_x, f_y, m_z) >= 0  for all y in R^3.
 
@@ -51,7 +51,7 @@ PLANE = [0, 1, 5]
 
 @dataclass(frozen=True, eq=False)
 class Hold:
-    """One or several lips, or the two pads of a gripper, with prescribed pressure, in T programs (or 1 for all).
+    """Lips, two pads of a gripper, or the base of a block, with prescribed pressure, in T programs (or 1 for all).
 
     Attributes:
         faces: its faces, the driven one first.
@@ -113,8 +113,8 @@ class Hold:
         return out
 
 
-def lip_pressure(plane: Array) -> Array:
-    """Return the elastic normal forces per effort, (k, 7, ...), of lips with points (2, k, ...): B^T (B B^T)^-1."""
+def elastic_pressure(plane: Array) -> Array:
+    """Return the elastic normal forces per effort, (k, 7, ...), at points (2, k, ...): B^T (B B^T)^-1."""
     x, y = plane
     rows = np.moveaxis(np.stack([np.ones_like(x), y, -x]), (0, 1), (-2, -1))
     spread = np.linalg.solve(rows @ np.swapaxes(rows, -1, -2), rows)

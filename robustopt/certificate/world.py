@@ -16,6 +16,7 @@ from robustopt.config import Config
 from robustopt.config.per_name import value_of
 from robustopt.limits.hands import hand_patches
 from robustopt.limits.names import LimitKind, LimitName
+from robustopt.limits.turning import carrier_rates, twisted
 from robustopt.path import Path
 from robustopt.robot import Robot
 from robustopt.scene.patches import Law, Patch, patches
@@ -153,7 +154,7 @@ def build_world(config: Config, robot: Robot, path: Path, stance: Indices) -> Wo
         path: the path.
         stance: stance of each instant (T,), see `motion.stances`.
     """
-    held = [*_patches(config), *hand_patches(config, robot.hands)]
+    held = [*_patches(config, twisted(config, carrier_rates(robot, path))), *hand_patches(config, robot.hands)]
     resting = [_resting(robot, name) for name in robot.contacts]
     contacts, first = [], 0
     for patch in (*held, *resting):
@@ -171,13 +172,13 @@ def build_world(config: Config, robot: Robot, path: Path, stance: Indices) -> Wo
 # Contacts -------------------------------------------------------------------------------------------------
 
 
-def _patches(config: Config) -> list[Patch]:
-    """Return the patches of the objects; round faces that carry something have many corners."""
+def _patches(config: Config, twisted: frozenset[str] = frozenset()) -> list[Patch]:
+    """Return the patches of the objects; round faces that carry something with free pressure have many corners."""
     points = config.contact.patch_points
     fine = {"patch_points": points * -(-RIM_POINTS // points)}
     finer = config.model_copy(update={"contact": config.contact.model_copy(update=fine)})
-    pairs = zip(patches(config), patches(finer), strict=True)
-    return [round_ if own.law is Law.FRICTION else own for own, round_ in pairs]
+    pairs = zip(patches(config, twisted), patches(finer, twisted), strict=True)
+    return [round_ if own.law is Law.FRICTION and not own.fixed else own for own, round_ in pairs]
 
 
 def contact_points(config: Config) -> int:

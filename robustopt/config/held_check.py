@@ -39,6 +39,8 @@ def check_held(name: str, body: ObjectConfig) -> Iterator[Finding]:
         yield (*inner, "force"), f"found [{low:g}, {high:g}]; expected the lowest value first: [{high:g}, {low:g}]"
     if any(body.at) or body.yaw:
         yield (*key, "at" if any(body.at) else "yaw"), f"not allowed with held_by; expected it in held_by.{given[0]}"
+    if body.pressure is not None:
+        yield (*key, "pressure"), f"not allowed with held_by; expected it in held_by.{given[0]}"
     if body.shape == "cylinder" and (hold.face not in ("top", "bottom") or isinstance(hold, GripConfig)):
         found = "a gripper" if isinstance(hold, GripConfig) else f"the face {hold.face}"
         yield inner, f"found {found} on a cylinder; expected cups on its top or bottom, which are flat"

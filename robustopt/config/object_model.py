@@ -156,6 +156,12 @@ class ObjectConfig(Section):
         description="support of the object: `tray`, another object, or two of them (a bridge); default: `tray`, unless "
         "the object is held",
     )
+    pressure: Literal["fixed", "free"] | None = Field(
+        default=None,
+        description="distribution of the normal force over the corners of the base under a twisting load: elastic "
+        "(fixed, conservative), or the most favourable one (free); default: `fixed` if the path turns the object "
+        "nearly in place, else `free`; with held_by it is a key of suction or grip",
+    )
     held_by: HeldByConfig | None = Field(
         default=None, description="suction cups or a gripper on the tool that hold the object, in place of `on`"
     )

@@ -83,9 +83,9 @@ class ContactLimit:
     def cut(self, polygons: Polygons, index: Indices, used: Flags) -> Polygons:
         """Return the polygons cut with the rows; see `Limit`.
 
-        For an object that a force presses against the tool, peel is cut before slip, and slip before twist. At a wrench
-        that several of them bound equally, the first one gives its name to the edge: a pull-off is called peel, and a
-        slip without twist is called slip.
+        If some rows bound the twist, tipping and peel are cut before slip, and slip before twist. At a wrench that
+        several of them bound equally, the first one gives its name to the edge: a pull-off is called peel, and a slip
+        without twist is called slip.
 
         Args:
             polygons: feasible polygons so far.
@@ -93,7 +93,7 @@ class ContactLimit:
             used: which of the names count.
         """
         every = np.ones(len(self.kinds), dtype=bool)
-        for rows in [self.kinds == kind for kind in (TIPS, SLIPS, TWIST)] if self.system.pressed else [every]:
+        for rows in [self.kinds == kind for kind in (TIPS, SLIPS, TWIST)] if len(self.names) > 2 else [every]:
             chosen = used[self.kinds] & rows
             family = facet_family(self.facets[chosen], self.loads, index[self.kinds[chosen]])
             polygons = cut_part(polygons, family, self.first, self.last)

@@ -20,6 +20,7 @@ from robustopt.limits.stances import eroded_sole, stance_system
 from robustopt.limits.systems import ContactSystem, object_systems
 from robustopt.limits.torque import TorqueLimit, legged_torque
 from robustopt.limits.track import Track
+from robustopt.limits.turning import twisted
 from robustopt.limits.uncertainty import Uncertainty
 from robustopt.limits.wrenches import Finger, with_forces
 from robustopt.scene.patches import Law, patches
@@ -40,13 +41,14 @@ def contact_limits(
         laws: contact laws from a user, by the name of the contact of an object.
 
     Raises:
-        ConfigError: a law is given for a contact that no object has, or no part of an environment contact is certain.
+        ConfigError: a law is given for a contact that no object has, no part of an environment contact is certain, or
+            the pressure of an object is fixed that shares its load with others.
         RobotError: a hand reaches beyond the tray, or its force is too small.
     """
     _require_contacts(config, laws or {})
     friction, shift = uncertainty.worst_friction, dict(uncertainty.contact_points)
     systems = (
-        *object_systems(config, friction, shift, laws),
+        *object_systems(config, friction, shift, laws, twisted(config, track.rates)),
         *hand_systems(config, track.robot.hands, friction, shift),
     )
     return *_stance_limits(config, track, uncertainty), *carried_limits(config, track, uncertainty, systems)

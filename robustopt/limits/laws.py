@@ -38,7 +38,7 @@ from robustopt.limits.cones import (
     wrench_generators,
 )
 from robustopt.limits.names import LimitKind, LimitName
-from robustopt.limits.twist import cup_rows, grip_rows
+from robustopt.limits.twist import elastic_rows, grip_rows
 from robustopt.scene.patches import Law, Patch, eroded
 
 NO_ROWS, NO_TIPS = np.zeros((0, 6)), np.zeros(0, dtype=bool)
@@ -86,7 +86,8 @@ class Link:
         patch = self.patches[0]
         place = patch.object, patch.support
         if patch.law is Law.FRICTION:
-            return LimitName(LimitKind.SLIP, *place), LimitName(LimitKind.TIPPING, *place)
+            kinds = (LimitKind.SLIP, LimitKind.TIPPING, *([LimitKind.TWIST] if patch.fixed else []))
+            return tuple(LimitName(kind, *place) for kind in kinds)
         if patch.law is Law.SUCTION:
             return tuple(LimitName(kind, *place) for kind in (LimitKind.SLIP, LimitKind.PEEL, LimitKind.TWIST))
         grip = LimitName(LimitKind.GRIP, patch.object)
@@ -129,7 +130,7 @@ def links(
         if first.name in own:
             found.append(_users(first, own[first.name](first, mu[0], edges)))
         elif first.law is Law.FRICTION:
-            found.append(_friction(first, mu[0], edges))
+            found.append(_friction(first, mu[0], edges, nominal[0], reach[0]))
         elif first.law is Law.SUCTION:
             found.append(_suction(parts, mu, edges, nominal, reach))
         else:
@@ -168,9 +169,23 @@ def _users(patch: Patch, generators: Array) -> Link:
     return Link((patch,), generators, generators.shape[1], NO_ROWS, NO_TIPS, False, NO_ROWS)
 
 
-def _friction(patch: Patch, mu: float, edges: int) -> Link:
-    generators = wrench_generators(patch.points, mu, edges, patch.axes)
-    return Link((patch,), generators, generators.shape[1], *_rows(patch, mu, edges), NO_ROWS)
+def _friction(patch: Patch, mu: float, edges: int, nominal: Patch, reach: float) -> Link:
+    """Return the contact of an object with its support; `patch` is the eroded one."""
+    generators, twist = wrench_generators(patch.points, mu, edges, patch.axes), NO_ROWS
+    if patch.fixed:
+        twist = _elastic(patch, (nominal,), (mu,), edges, (reach,))[:, :6]
+    return Link((patch,), generators, generators.shape[1], *_rows(patch, mu, edges), twist)
+
+
+def _elastic(
+    whole: Patch, nominal: tuple[Patch, ...], mu: tuple[float, ...], edges: int, reach: tuple[float, ...]
+) -> Array:
+    """Return the twist rows of patches in the plane of `whole`, over the wrench and a vacuum at each patch."""
+    centre, _ = _centred(whole)
+    local = [(patch.points - centre) @ whole.axes[:, :2] for patch in nominal]
+    # points move in squares along the axes of the support; those along the axes of the patch around them are larger
+    around = abs(np.cos(whole.turn)) + abs(np.sin(whole.turn))
+    return _extended(elastic_rows(local, mu, edges, [around * distance for distance in reach]), _into_patch(whole))
 
 
 def _suction(
@@ -188,9 +203,7 @@ def _suction(
     rows = np.column_stack([rows, rows @ press])
     twist = np.zeros((0, 6 + len(lips)))
     if whole.fixed:
-        centre, _ = _centred(whole)
-        local = [(lip.points - centre) @ whole.axes[:, :2] for lip in nominal]
-        twist = _extended(cup_rows(local, mu, edges, reach), _into_patch(whole))
+        twist = _elastic(whole, nominal, mu, edges, reach)
     return Link(lips, generators, generators.shape[1] - len(lips), rows, tips, complete, twist)
 
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from robustopt.arrays import Array, Flags, Indices
 from robustopt.config import Config
+from robustopt.errors import ConfigError
 from robustopt.limits.cones import about_point, tipping_rows
 from robustopt.limits.laws import ContactLaw, Link, links
 from robustopt.limits.names import LimitKind, LimitName
@@ -40,7 +41,8 @@ class ContactSystem:
         facets: rows of the cone and of the twist, facets @ w <= 0, (F, d).
         complete: whether the rows describe the whole cone; else programs over the generators find more.
         kinds: index of the name of each row (F,).
-        names: limits that the system imposes; the first two are for rows that slip and rows that tip.
+        names: limits that the system imposes; the first two are for rows that slip and rows that tip, a third one is
+            for the twist.
         edges: number of friction edges per contact point, which are neighbours among the generators.
         interfaces: names of the contacts.
         transform: coordinates that the generators supply per coordinate of the system (d', d), None for the same.
@@ -101,6 +103,7 @@ def object_systems(
     friction: Mapping[str, float],
     shift: Mapping[str, float],
     laws: Mapping[str, ContactLaw] | None = None,
+    twisted: frozenset[str] = frozenset(),
 ) -> tuple[ContactSystem, ...]:
     """Return the contact systems of the objects of a configuration, moments about the carrier's origin.
 
@@ -109,8 +112,12 @@ def object_systems(
         friction: coefficient of friction of each contact by its name.
         shift: largest distance of each contact point from its nominal position along x and y, by contact [m].
         laws: laws of a user, by the name of the contact.
+        twisted: objects whose pressure is prescribed by default, see `turning`.
+
+    Raises:
+        ConfigError: the pressure of an object is fixed that shares its load with others.
     """
-    found = links(patches(config), friction, config.contact.cone_edges, shift, laws)
+    found = links(patches(config, twisted), friction, config.contact.cone_edges, shift, laws)
     return tuple(_system(config, group, [link for link in found if link.object in group]) for group in _groups(config))
 
 
@@ -127,7 +134,7 @@ def carried(config: Config, name: str) -> tuple[str, ...]:
         above = more
 
 
-def _is_tree(config: Config, name: str) -> bool:
+def stands_alone(config: Config, name: str) -> bool:
     """Return whether an object and everything that it carries hang on the one contact of this object alone."""
     if len(supports(config.objects[name])) > 1:
         return False
@@ -137,7 +144,7 @@ def _is_tree(config: Config, name: str) -> bool:
 
 def _groups(config: Config) -> list[tuple[str, ...]]:
     """Return the groups of objects whose contact forces must be found together: single ones, and cycles."""
-    trees = [name for name in config.objects if _is_tree(config, name)]
+    trees = [name for name in config.objects if stands_alone(config, name)]
     groups: list[set[str]] = []
     for name in config.objects:
         if name in trees:
@@ -184,6 +191,7 @@ def _system(config: Config, group: tuple[str, ...], own: Sequence[Link]) -> Cont
     edges = config.contact.cone_edges
     if len(own) == 1:
         return system_of(own[0], _loads(config, group[0], group), edges)
+    _require_free(group, own)
     return ContactSystem(
         objects=group,
         loads=tuple(_loads(config, name, group) for name in group),
@@ -198,6 +206,18 @@ def _system(config: Config, group: tuple[str, ...], own: Sequence[Link]) -> Cont
         edges=edges,
         interfaces=tuple(patch.name for link in own for patch in link.patches),
     )
+
+
+def _require_free(group: tuple[str, ...], own: Sequence[Link]) -> None:
+    for link in own:
+        if link.patches[0].fixed:
+            others = ", ".join(name for name in group if name != link.object)
+            shares = f"it and {others} share their load" if others else "its two supports share its load"
+            raise ConfigError(
+                f"found fixed, but {shares}; expected free: only the pressure of a contact that bears a known load can "
+                "be prescribed",
+                key=f"objects.{link.object}.pressure",
+            )
 
 
 def _placed(link: Link, group: tuple[str, ...]) -> Array:

@@ -22,6 +22,7 @@ from robustopt.limits.motion import PathMotion, path_motion
 from robustopt.limits.names import LimitKind, LimitName
 from robustopt.limits.polygons import Polygons, RequiredWrench, cut_affine, start
 from robustopt.limits.torque import TorqueLimit, own_inertia_terms, payload_torque
+from robustopt.limits.turning import carrier_rates
 from robustopt.limits.uncertainty import AccelerationError, Uncertainty
 from robustopt.limits.wrenches import BodyWrenches, body_loads, body_wrenches, no_wrench
 from robustopt.path import Path
@@ -54,6 +55,7 @@ class Track:
         motion: motion along the path.
         x_max: largest x that the joint velocities allow (P,).
         fastest: the joint that bounds it (P,).
+        rates: rates of the carrier frame, see `turning.carrier_rates`.
     """
 
     robot: Robot
@@ -63,6 +65,7 @@ class Track:
     motion: PathMotion
     x_max: Array
     fastest: Indices
+    rates: Array
     _kept: dict[str, dict[Hashable, Any]] = field(default_factory=dict, repr=False)
     _lock: Lock = field(default_factory=Lock, repr=False)
 
@@ -196,7 +199,8 @@ def build_track(robot: Robot, path: Path, grid: Grid) -> Track:
     rest[doubled] = rest[doubled + 1] = True
     q, q1, q2 = (path.evaluate(grid.s, grid.piece, order) for order in (0, 1, 2))
     motion = path_motion(robot, q, q1, q2)
-    return Track(robot, path, grid, rest, motion, *_velocity_bound(q1, robot.limits.velocity))
+    rates = carrier_rates(robot, path)
+    return Track(robot, path, grid, rest, motion, *_velocity_bound(q1, robot.limits.velocity), rates)
 
 
 def _acceleration_rows(motion: PathMotion, limits: JointLimits, middle: Array, radius: Array) -> Array:

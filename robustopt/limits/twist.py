@@ -1,11 +1,11 @@
 """Twist of a patch whose pressure is prescribed: rows for `pressure: fixed`.
 
 The distribution of a normal force over a patch is statically indeterminate. If the patch is twisted about its normal, a
-cone that is free to choose the distribution promises more than elastic lips or pads give. So the distribution is
+cone that is free to choose the distribution promises more than elastic lips, bases or pads give. So the distribution is
 prescribed: the normal force of each contact point is a linear function N_i of the wrench and of the force that presses
-the part against the tool, as of elastic lips (cups) or uniform pads. The tangential forces that are then possible form
-a Minkowski sum of friction polygons, and the forces across the normal and the moment about it, t = (f_x, f_y, m_z),
-must lie in it:
+the part against the tool, as of elastic lips and bases, or of uniform pads. The tangential forces that are then
+possible form a Minkowski sum of friction polygons, and the forces across the normal and the moment about it,
+t = (f_x, f_y, m_z), must lie in it:
 
     y t <= mu sum_i N_i h(v_i(y)),   v_i(y) = (y_x, y_y) + y_z (-p_iy, p_ix),
 
@@ -142,33 +142,34 @@ def displaced(points: Array, reach: Array) -> tuple[Array, ...]:
     return points, drawn_in, *(points + shift for shift in shifts)
 
 
-def cup_rows(lips: Sequence[Array], mu: Sequence[float], edges: int, reach: Sequence[float]) -> Array:
-    """Return the twist rows of K cups with elastic lips, over their wrench and vacuum forces, (k, 6 + K).
+def elastic_rows(patches: Sequence[Array], mu: Sequence[float], edges: int, reach: Sequence[float]) -> Array:
+    """Return the twist rows of K patches with elastic pressure, over their wrench and vacuum forces, (k, 6 + K).
 
-    The vacuums pull at the centres of their lips. The part is rigid, so the normal forces of all lips are one linear
-    function of the place: those of least squares among all that supply the normal force f_z + sum F_k and the moments.
+    The vacuums pull at the centres of their lips; there are none under an object that stands on its support. The object
+    is rigid, so the normal forces of all patches are one linear function of the place: those of least squares among all
+    that supply the normal force f_z + sum F_k and the moments.
 
     Args:
-        lips: nominal contact points of each lip about a common point, in the axes of the cups (n, 2) [m].
-        mu: coefficient of friction of each lip.
+        patches: nominal contact points of each patch about a common point, in common axes (n, 2) [m].
+        mu: coefficient of friction of each patch.
         edges: number of edges of a friction polygon.
-        reach: largest displacement of the contact points of each lip along each axis [m].
+        reach: largest displacement of the contact points of each patch along each axis [m].
 
     Returns:
-        Rows on (f, m, F), wrench about that point in the axes of the cups, scaled to -1 of the normal force.
+        Rows on (f, m, F), wrench about that point in these axes, scaled to -1 of the normal force.
     """
-    sizes = [len(lip) for lip in lips]
-    points, friction, swing = np.vstack(lips), np.repeat(mu, sizes), np.repeat(reach, sizes)
+    sizes = [len(own) for own in patches]
+    points, friction, swing = np.vstack(patches), np.repeat(mu, sizes), np.repeat(reach, sizes)
     places = displaced(points, swing)
     edges = affordable_edges(len(points), edges, len(places))
-    pulls = np.array([[1.0, *(lip.mean(axis=0) @ [[0.0, -1.0], [1.0, 0.0]])] for lip in lips]).T
+    pulls = np.array([[1.0, *(own.mean(axis=0) @ [[0.0, -1.0], [1.0, 0.0]])] for own in patches]).T
     found = []
     for place in places:
         y = motions(place, edges)
         balance = np.stack([np.ones(len(points)), place[:, 1], -place[:, 0]])
         normals = balance.T @ np.linalg.inv(balance @ balance.T)
         power = resistance(points, y, edges, swing) * friction @ normals
-        rows = np.zeros((len(y), 6 + len(lips)))
+        rows = np.zeros((len(y), 6 + len(patches)))
         rows[:, [0, 1, 5]] = y
         rows[:, [2, 3, 4]] = -power
         rows[:, 6:] = -power @ pulls

@@ -87,17 +87,18 @@ UPRIGHT = np.eye(3)
 """Axes of the patches of all objects that stand on the tray."""
 
 
-def patches(config: Config) -> tuple[Patch, ...]:
+def patches(config: Config, twisted: frozenset[str] = frozenset()) -> tuple[Patch, ...]:
     """Return the patch of every contact of the objects, in the order of `placements`; a bridge has two.
 
     Args:
         config: the configuration, whose objects and supports must be valid.
+        twisted: objects whose pressure is prescribed by default, see `limits.turning`.
     """
-    return _patches(config.tray, solids(config), config.contact.patch_points)
+    return _patches(config.tray, solids(config), config.contact.patch_points, twisted)
 
 
 @lru_cache(maxsize=64)
-def _patches(tray: TrayConfig | None, solids: Solids, points: int) -> tuple[Patch, ...]:
+def _patches(tray: TrayConfig | None, solids: Solids, points: int, twisted: frozenset[str]) -> tuple[Patch, ...]:
     objects, faces, yaws = dict(solids), dict[str, Array](), {TRAY: 0.0}
     if tray is not None:
         faces[TRAY] = rectangle(np.zeros(2), np.array(tray.size))
@@ -111,16 +112,18 @@ def _patches(tray: TrayConfig | None, solids: Solids, points: int) -> tuple[Patc
         for support in supports(body):
             polygon = clip(faces[name], faces[support])
             polygon.setflags(write=False)
-            found.append(_standing_patch(name, support, polygon, placement, yaws[support]))
+            fixed = body.pressure == "fixed" or name in twisted
+            found.append(_standing_patch(name, support, polygon, placement, yaws[support], fixed))
     return tuple(found)
 
 
-def _standing_patch(name: str, support: str, polygon: Array, placement: Placement, turn: float) -> Patch:
+def _standing_patch(name: str, support: str, polygon: Array, placement: Placement, turn: float, fixed: bool) -> Patch:
     foot = np.array([0.0, 0.0, float(placement.planar[2]) - placement.half_height])
     if placement.root == TRAY:
-        return Patch(name, name, support, polygon, foot, UPRIGHT, turn)
+        return Patch(name, name, support, polygon, foot, UPRIGHT, turn, fixed=fixed)
     frame = placement.frame
-    return Patch(name, name, support, polygon, frame.position + frame.rotation @ foot, frame.rotation, turn)
+    origin = frame.position + frame.rotation @ foot
+    return Patch(name, name, support, polygon, origin, frame.rotation, turn, fixed=fixed)
 
 
 def held_patches(name: str, body: ObjectConfig, tool: Frame, points: int) -> list[Patch]:
