@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -179,9 +180,9 @@ class Search:
                 continue
             worst = np.flatnonzero(kind)[np.argmax(self.upper[kind])]
             values, value = self.worst.at(int(worst)), float(self.upper[worst])
-            limit = limit_name(self.world, self.system, self.motion.at(worst[None]), values, value)
-            words = self.world.describe(values, self.system)
-            self.tally.add(self.system.name, Found(value, int(self.index[worst]), limit, words))
+            cause = partial(limit_name, self.world, self.system, self.motion.at(worst[None]), values, value)
+            words, name = self.world.describe(values, self.system), self.system.name
+            self.tally.add(name, Found(value, int(self.index[worst]), name, words, cause))
 
 
 def _differ(first: Parameters, second: Parameters) -> Flags:
