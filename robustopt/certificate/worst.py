@@ -91,9 +91,9 @@ class Search:
     def run(self, starts: Sequence[Parameters], how: Thoroughness) -> Indices:
         """Search from each of `starts`, and return the searched instants (S,), as indices among its own.
 
-        The starts are values of the parameters of the whole world. The search runs at every `how.every`-th instant. Then every instant is tried with the worst values of its
-        nearest searched instant. The worst values of all are tried at every instant as well, or only at the searched
-        ones if the system has no quick test.
+        The starts are values of the parameters of the whole world. The search runs at every `how.every`-th instant.
+        Then every instant is tried with the worst values of its nearest searched instant. The worst values of all are
+        tried at every instant as well, or only at the searched ones if the system has no quick test.
         """
         everywhere, rounds = np.arange(len(self.index)), how.rounds if self.world.uncertain else 0
         chosen = everywhere[:: how.every]
