@@ -282,7 +282,8 @@ def _worst(tally: Tally, at: Instants) -> Worst:
     _, found = max(worst, key=lambda item: (not _passes(item[1], item[0][1]), item[1].utilisation))
     t = found.instant
     place = float(at.s[t]), float(at.t[t]), bool(at.grid[t])
-    return Worst(found.limit, 1.0 - found.utilisation, *place, dict(found.parameters))
+    limit = found.limit if found.cause is None else found.cause()
+    return Worst(limit, 1.0 - found.utilisation, *place, dict(found.parameters))
 
 
 def _margins(tally: Tally) -> dict[LimitName, Margin]:

@@ -104,6 +104,7 @@ def check_torque(world: World, motion: Motion, known: KnownTorques, tally: Tally
         tally: receives the worst utilisations.
     """
     start = world.nominal.repeated(len(motion.free))
+    loads = body_loads(world, motion, start)
     for j in range(len(known.limits)):
         one = known.joints.only(j)
         for sign in (1.0, -1.0):
@@ -116,7 +117,8 @@ def check_torque(world: World, motion: Motion, known: KnownTorques, tally: Tally
                 ]
                 values = at_lowest(world, motion, start, functionals, -sign * one.inertia[0])
                 values.force[-1] = np.where(sign * one.squeeze[0] > 0.0, world.upper.force[-1], world.lower.force[-1])
-            torque = torques(world, one, motion.free, body_loads(world, motion, values), values)
+                loads = body_loads(world, motion, values)
+            torque = torques(world, one, motion.free, loads, values)
             tell_torque(world, np.abs(torque[0]) / known.limits[j], j, values, known.at, tally)
 
 

@@ -67,19 +67,29 @@ def body_load(body: Body, frame: Frame, mass: Array, com: Array, inertia: Array)
         com: displacement of the centre of mass, body axes (3, ...) [m].
         inertia: inertia about the centre of mass per unit of mass, body axes (6, ...) [m^2].
     """
-    center = np.tensordot(body.turn, com, axes=1) + body.center.reshape(3, *[1] * (com.ndim - 1))
+    center = _center(body, com)
     spin = frame.spin
-    turning = _turned(body, inertia, frame.angular) + cross(spin, _turned(body, inertia, spin))
+    turning = np.tensordot(body.turn, _turning(body, frame, inertia), axes=1)
     linear = frame.linear + cross(frame.angular, center) + cross(spin, cross(spin, center))
     return _wrench(-mass * frame.gravity, center, 0.0), _wrench(mass * linear, center, mass * turning)
 
 
-def _turned(body: Body, inertia: Array, vector: Array) -> Array:
-    """Return an inertia in body axes (6, ...) times a vector in axes of the frame (3, ...), in axes of the frame."""
-    x, y, z = np.tensordot(body.turn.T, vector, axes=1)
+def _center(body: Body, com: Array) -> Array:
+    """Return the centre of mass for a displacement in body axes (3, ...), in axes of the frame."""
+    return np.asarray(np.tensordot(body.turn, com, axes=1) + body.center.reshape(3, *[1] * (com.ndim - 1)))
+
+
+def _turning(body: Body, frame: Frame, inertia: Array) -> Array:
+    """Return I alpha + omega x I omega for an inertia per unit of mass (6, ...), in axes of the body (3, ...)."""
+    angular, spin = (np.tensordot(body.turn.T, vector, axes=1) for vector in (frame.angular, frame.spin))
+    return _times(inertia, angular) + cross(spin, _times(inertia, spin))
+
+
+def _times(inertia: Array, vector: Array) -> Array:
+    """Return an inertia (6, ...) times a vector (3, ...), both in axes of the body."""
+    x, y, z = vector
     xx, yy, zz, xy, xz, yz = inertia
-    product = np.stack([xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z])
-    return np.tensordot(body.turn, product, axes=1)
+    return np.stack([xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z])
 
 
 def _wrench(force: Array, center: Array, turning: Array | float) -> Array:
@@ -114,8 +124,9 @@ def at_lowest(
     frames = {name: shaken(frame, motion.free, values.error) for name, frame in motion.frames.items()}
     mass, com, inertia = values.mass.copy(), values.com.copy(), values.inertia.copy()
     for goal in goals:
-        frame = frames[world.bodies[goal.body].frame]
-        mass[goal.body], com[goal.body], inertia[goal.body] = _lowest(world, goal, frame, mass.shape[1:])
+        if world.varies(goal.body):
+            frame = frames[world.bodies[goal.body].frame]
+            mass[goal.body], com[goal.body], inertia[goal.body] = _lowest(world, goal, frame, mass.shape[1:])
     gain = np.zeros_like(values.error) + joint_goal
     for goal in goals:
         body = world.bodies[goal.body]
@@ -127,16 +138,20 @@ def at_lowest(
 def _lowest(world: World, goal: Functional, frame: Frame, shape: tuple[int, ...]) -> tuple[Array, Array, Array]:
     """Return mass (T,), com (3, T) and inertia (6, T) of one body at the extremes at which the goal is lowest."""
     b, body = goal.body, world.bodies[goal.body]
-    slope = _slope(body, frame, goal)
+    slope, at_rest = _slope(body, frame, goal), frame.linear - goal.weight * frame.gravity
     lowest, best = np.full(shape, np.inf), np.zeros((10, *shape))
     for com in product(*(np.unique([p.com[b, k] for p in (world.lower, world.upper)]) for k in range(3))):
-        inertias, at = body.inertias(np.array(com)), np.broadcast_to(np.array(com)[:, None], (3, *shape))
-        own = inertias[np.argmin(inertias @ slope, axis=0)].T
-        for mass in np.unique([world.lower.mass[b], world.upper.mass[b]]):
-            value = goal(*body_load(body, frame, mass, at, own))
-            better = value < lowest
-            lowest = np.where(better, value, lowest)
-            best[:, better] = np.concatenate([np.full((1, *shape), mass), at, own])[:, better]
+        at = np.array(com)[:, None]
+        inertias, center = body.inertias(at[:, 0]), _center(body, at)
+        turning = inertias @ slope
+        own = np.argmin(turning, axis=0)
+        push = goal.force + cross(goal.moment, center)
+        linear = at_rest + cross(frame.angular, center) + cross(frame.spin, cross(frame.spin, center))
+        value = (push * linear).sum(axis=0) + turning[own, np.arange(len(own))]
+        mass = np.where(value < 0.0, world.upper.mass[b], world.lower.mass[b])
+        better = mass * value < lowest
+        lowest = np.where(better, mass * value, lowest)
+        best[0, better], best[1:4, better], best[4:, better] = mass[better], at, inertias[own[better]].T
     return best[0], best[1:4], best[4:]
 
 
@@ -158,13 +173,18 @@ def _slope(body: Body, frame: Frame, goal: Functional) -> Array:
 
 def _gain_of_error(body: Body, frame: Frame, goal: Functional, mass: Array, com: Array, inertia: Array) -> Array:
     """Return the derivative of the goal of a body's wrench with respect to the acceleration error, (n, T)."""
-    center = np.tensordot(body.turn, com, axes=1) + body.center[:, None]
+    center = _center(body, com)
     push = goal.force + cross(goal.moment, center)
-    twist = cross(center, push) + _turned(body, inertia, goal.moment)
+    moment = np.tensordot(body.turn.T, goal.moment, axes=1)
+    twist = cross(center, push) + np.tensordot(body.turn, _times(inertia, moment), axes=1)
     pull = np.concatenate([push, twist])
     return np.asarray(mass * (frame.jacobian * pull[:, None]).sum(axis=0))
 
 
 def cross(a: Array, b: Array) -> Array:
     """Return the cross product along the first axis."""
-    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    out[0] = a[1] * b[2] - a[2] * b[1]
+    out[1] = a[2] * b[0] - a[0] * b[2]
+    out[2] = a[0] * b[1] - a[1] * b[0]
+    return out

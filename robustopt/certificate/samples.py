@@ -83,7 +83,7 @@ def _check_everywhere(
             for j, limit in enumerate(own.limits):
                 tell_torque(world, np.abs(torque[j]).ravel() / limit, j, values, t, tally)
         for search in searches:
-            search.sample(index[part], there, values, loads)
+            search.sample(index[part], there, search.part.values(values), search.part.loads(loads))
 
 
 def _folded(values: Array, count: int) -> Array:
@@ -93,7 +93,7 @@ def _folded(values: Array, count: int) -> Array:
 
 def _check_program(search: Search, samples: Parameters, count: int) -> None:
     """Check every sample at `count` instants of a system, which differ from sample to sample."""
-    total, size = samples.error.shape[-1], max(1, CHUNK // count)
+    samples, total, size = search.part.values(samples), samples.error.shape[-1], max(1, CHUNK // count)
     for first in range(0, total, size):
         chosen = np.arange(first, min(first + size, total))
         place = chosen[:, None] * 31 + np.arange(count) * len(search.index) // count

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -20,12 +20,14 @@ class Found:
         instant: index of the instant.
         limit: name of the limit.
         parameters: the parameters by their names in the configuration.
+        cause: function that finds the name of the limit in place of `limit`, if this takes time.
     """
 
     utilisation: float
     instant: int
     limit: LimitName
     parameters: Mapping[str, object]
+    cause: Callable[[], LimitName] | None = None
 
 
 @dataclass

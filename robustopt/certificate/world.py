@@ -88,6 +88,12 @@ class World:
         """Return the names of the links among the bodies."""
         return tuple(dict.fromkeys(body.frame for body in self.bodies if body.frame == body.name))
 
+    def varies(self, b: int) -> bool:
+        """Return whether an inertial parameter of body b can differ from its nominal value."""
+        low, high = self.lower, self.upper
+        moves = low.mass[b] < high.mass[b] or np.any(low.com[b] < high.com[b])
+        return bool(moves) or self.bodies[b].factor != (1.0, 1.0)
+
     @property
     def uncertain(self) -> bool:
         """Return whether any interval has a width above zero."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from robustopt.certificate.bodies import Parameters
 from robustopt.certificate.force_closure import GAP, Gauge
 from robustopt.certificate.loads import Load, at_lowest, body_loads
 from robustopt.certificate.motion import Motion
+from robustopt.certificate.part import part_of
 from robustopt.certificate.systems import System
 from robustopt.certificate.tally import Found, Tally
 from robustopt.certificate.world import World
@@ -65,6 +67,9 @@ class Search:
     """Search for the worst values of a contact system at each of its instants.
 
     Attributes:
+        part: part of the world that the system depends on.
+        world: this part as a world; all values of a search are of its parameters.
+        system: the system in this world.
         index: the instants (T,).
         grid: True at grid points (T,).
         worst: worst values found so far, T sets.
@@ -74,24 +79,26 @@ class Search:
 
     def __init__(self, world: World, system: System, motion: Motion, gap: float, tally: Tally) -> None:
         """Begin a search; `motion` covers all instants, and `gap` is the accuracy of the gauge."""
-        self.world, self.system, self.gap, self.tally = world, system, gap, tally
+        self.part, self.gap, self.tally = part_of(world, system), gap, tally
+        self.world = self.part.world(world, system)
+        (self.system,) = self.world.systems
         self.index = np.arange(len(motion.free)) if system.at is None else system.at
         self.motion = motion if system.at is None else motion.at(system.at)
         self.grid = tally.grid[self.index]
-        self.worst = world.nominal.repeated(len(self.index))
+        self.worst = self.world.nominal.repeated(len(self.index))
         self.upper, self.lower = np.full(len(self.index), -np.inf), np.full(len(self.index), -np.inf)
 
     def run(self, starts: Sequence[Parameters], how: Thoroughness) -> Indices:
         """Search from each of `starts`, and return the searched instants (S,), as indices among its own.
 
-        The search runs at every `how.every`-th instant. Then every instant is tried with the worst values of its
-        nearest searched instant. The worst values of all are tried at every instant as well, or only at the searched
-        ones if the system has no quick test.
+        The starts are values of the parameters of the whole world. The search runs at every `how.every`-th instant.
+        Then every instant is tried with the worst values of its nearest searched instant. The worst values of all are
+        tried at every instant as well, or only at the searched ones if the system has no quick test.
         """
         everywhere, rounds = np.arange(len(self.index)), how.rounds if self.world.uncertain else 0
         chosen = everywhere[:: how.every]
         for start in starts:
-            self.follow(chosen, start.at(self.index[chosen]), rounds)
+            self.follow(chosen, self.part.values(start).at(self.index[chosen]), rounds)
         if how.every > 1:
             nearest = np.minimum((everywhere + how.every // 2) // how.every, len(chosen) - 1) * how.every
             self.follow(everywhere, self.worst.at(nearest), min(rounds, int(self.system.simple)), cull=True)
@@ -173,9 +180,9 @@ class Search:
                 continue
             worst = np.flatnonzero(kind)[np.argmax(self.upper[kind])]
             values, value = self.worst.at(int(worst)), float(self.upper[worst])
-            limit = limit_name(self.world, self.system, self.motion.at(worst[None]), values, value)
-            words = self.world.describe(values, self.system)
-            self.tally.add(self.system.name, Found(value, int(self.index[worst]), limit, words))
+            cause = partial(limit_name, self.world, self.system, self.motion.at(worst[None]), values, value)
+            words, name = self.world.describe(values, self.system), self.system.name
+            self.tally.add(name, Found(value, int(self.index[worst]), name, words, cause))
 
 
 def _differ(first: Parameters, second: Parameters) -> Flags:

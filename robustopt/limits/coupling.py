@@ -241,7 +241,7 @@ def _step(here, e, change, K):
         here.rest[g] += change * here.own[g, e]
 
 
-@compiled_inner()
+@compiled_inner(forceinline=True)
 def _value(wrench, here, n):
     """Return the value of the row at the current error, and set those of its groups."""
     values, terms = here.values, here.terms

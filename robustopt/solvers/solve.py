@@ -223,10 +223,10 @@ def _relinearised(plan: Plan, before: float) -> TimeScalingProblem | None:
     problem = plan.problem
     if not problem.limits.torque.viscous.any():
         return None
-    excess = problem.torque_excess(*interval_ends(problem, plan.x, plan.u))
     if np.isnan(problem.reference).all():
         torque = [name.kind == LimitKind.TORQUE for name in problem.row_names]
-        binds = binding_rows(problem, plan.x, plan.u)[:, torque].any()
-        return problem.with_reference(plan.x) if binds or excess > -NEAR_TORQUE else None
-    settled = abs(before - plan.duration) <= SAME_DURATION * plan.duration
-    return None if settled and excess <= TORQUE_TOLERANCE else problem.with_reference(plan.x)
+        clear, most = not binding_rows(problem, plan.x, plan.u)[:, torque].any(), -NEAR_TORQUE
+    else:
+        clear, most = abs(before - plan.duration) <= SAME_DURATION * plan.duration, TORQUE_TOLERANCE
+    clear = clear and problem.torque_excess(*interval_ends(problem, plan.x, plan.u)) <= most
+    return None if clear else problem.with_reference(plan.x)
