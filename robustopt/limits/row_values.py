@@ -78,7 +78,7 @@ def add_sizes(wrenches, group, out):
             out[group[k], j] += abs(wrenches[k, j])
 
 
-@compiled_inner()
+@compiled_inner(forceinline=True)
 def find_margin(family, b, f, i, work):
     """Set the margins of row B[b, f] to what the interval terms that depend on neither u nor x add to it at most."""
     B, wrench, base_terms, margins = family.B, family.wrench, family.base_terms, work.margins
