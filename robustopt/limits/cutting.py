@@ -86,6 +86,26 @@ def cut_family(polygons, family, result):
     return largest
 
 
+@compiled()
+def worst_rows(family, points, u, x, rows, values):
+    """Find the row of a family that is violated most, for several (u, x).
+
+    Args:
+        family: the rows.
+        points: grid points (M,).
+        u: sdd (M,).
+        x: sd^2 (M,).
+        rows: set to the row that is violated most, or -1 (M,).
+        values: set to its value (M,).
+    """
+    work, blocks = row_work(family), row_blocks(family)
+    for m in range(len(points)):
+        i = points[m]
+        _find_reach(family, i, blocks)
+        _find_wrenches(family.wrench, i, u[m], x[m], work, blocks)
+        rows[m], values[m] = _worst_row(family, i, u[m], x[m], work, blocks)
+
+
 @compiled_inner(forceinline=True)
 def _try_rows(family, i, tried, count, work, draft, n, sizes):
     """Cut a draft of n vertices with the rows that bounded the last polygon; return the number of its vertices."""

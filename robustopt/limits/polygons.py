@@ -27,7 +27,7 @@ import numpy as np
 from robustopt.compiled import compiled
 from robustopt.errors import SolverFailed
 from robustopt.limits.clipping import MAX_VERTICES, cut_rows
-from robustopt.limits.cutting import cut_family
+from robustopt.limits.cutting import cut_family, worst_rows
 from robustopt.limits.row_values import family_values
 
 Array = np.ndarray
@@ -237,6 +237,23 @@ def evaluate(family: Family, points: Array, u: Array, x: Array) -> Array:
     values = np.zeros((len(points), len(family.names)))
     family_values(family, points, u, x, values)
     return values
+
+
+def worst(family: Family, points: Array, u: Array, x: Array) -> tuple[Array, Array]:
+    """Return the row of a family that is violated most with every uncertain parameter at its worst, and its value.
+
+    Args:
+        family: the rows.
+        points: grid points (M,).
+        u: sdd (M,).
+        x: sd^2 (M,).
+
+    Returns:
+        Rows (M,), -1 if none is violated, and values (M,).
+    """
+    rows, values = np.zeros(len(points), dtype=np.int64), np.zeros(len(points))
+    worst_rows(family, points, u, x, rows, values)
+    return rows, values
 
 
 def _stored(kernel: Callable[..., int], polygons: Polygons, limits: Family | tuple[Array, Array]) -> Polygons:

@@ -15,10 +15,11 @@ import numpy as np
 
 from robustopt.arrays import Array, Flags, Indices
 from robustopt.config import Config
-from robustopt.limits.cones import about_point, tipping_rows
+from robustopt.limits.cones import COARSE_EDGES, FINE_EDGES, about_point, tipping_rows
+from robustopt.limits.facets import MOST_CORNERS
 from robustopt.limits.laws import ContactLaw, Link, links
 from robustopt.limits.names import LimitKind, LimitName
-from robustopt.scene.patches import patches
+from robustopt.scene.patches import Law, Patch, patches
 from robustopt.scene.placement import supports
 
 SLIPS, TIPS, TWIST = range(3)
@@ -110,8 +111,28 @@ def object_systems(
         shift: largest distance of each contact point from its nominal position along x and y, by contact [m].
         laws: laws of a user, by the name of the contact.
     """
-    found = links(patches(config), friction, config.contact.cone_edges, shift, laws)
-    return tuple(_system(config, group, [link for link in found if link.object in group]) for group in _groups(config))
+    found = []
+    for group in _groups(config):
+        own = [patch for patch in patches(config) if patch.object in group]
+        edges = _edges(config, own, laws or {})
+        found.append(_system(config, group, links(own, friction, edges, shift, laws), edges))
+    return tuple(found)
+
+
+def coarse_edges(config: Config) -> int:
+    """Return the number of edges of the friction cones of all contacts but those that fine cones suit.
+
+    Args:
+        config: the configuration.
+    """
+    return COARSE_EDGES if config.contact.cone_edges == "auto" else config.contact.cone_edges
+
+
+def _edges(config: Config, own: Sequence[Patch], laws: Mapping[str, ContactLaw]) -> int:
+    """Return the number of edges of the friction cones of some patches that form a contact system."""
+    first, *others = own
+    plain = first.law is Law.FRICTION and first.name not in laws and len(first.polygon) <= MOST_CORNERS
+    return FINE_EDGES if config.contact.cone_edges == "auto" and plain and not others else coarse_edges(config)
 
 
 # The contact graph ----------------------------------------------------------------------------------------
@@ -180,8 +201,7 @@ def system_of(link: Link, load: tuple[str, ...], edges: int) -> ContactSystem:
     )  # fmt: skip
 
 
-def _system(config: Config, group: tuple[str, ...], own: Sequence[Link]) -> ContactSystem:
-    edges = config.contact.cone_edges
+def _system(config: Config, group: tuple[str, ...], own: Sequence[Link], edges: int) -> ContactSystem:
     if len(own) == 1:
         return system_of(own[0], _loads(config, group[0], group), edges)
     return ContactSystem(
