@@ -87,7 +87,7 @@ def cut_family(polygons, family, result):
 
 
 @compiled()
-def worst_rows(family, points, u, x, rows, values):
+def worst_rows(family, points, u, x, values, pieces):
     """Find the row of a family that is violated most, for several (u, x).
 
     Args:
@@ -95,15 +95,18 @@ def worst_rows(family, points, u, x, rows, values):
         points: grid points (M,).
         u: sdd (M,).
         x: sd^2 (M,).
-        rows: set to the row that is violated most, or -1 (M,).
-        values: set to its value (M,).
+        values: set to its value, or to 0 if none is violated (M,).
+        pieces: set to its active piece a u + slope x + c, if it is violated (M, 3).
     """
     work, blocks = row_work(family), row_blocks(family)
     for m in range(len(points)):
         i = points[m]
         _find_reach(family, i, blocks)
         _find_wrenches(family.wrench, i, u[m], x[m], work, blocks)
-        rows[m], values[m] = _worst_row(family, i, u[m], x[m], work, blocks)
+        f, violation = _worst_row(family, i, u[m], x[m], work, blocks)
+        if f >= 0:
+            values[m] = violation
+            pieces[m, 0], pieces[m, 1], pieces[m, 2] = _piece(family, f, i, u[m], x[m], work)
 
 
 @compiled_inner(forceinline=True)
@@ -214,11 +217,11 @@ def _worst_row(family, i, u, x, work, blocks):
     while part < len(of_parts):
         if blocks.made:
             block_bounds(blocks.extremes, blocks.extreme_sizes, part, central, reach, lowest, highest, of_blocks, value)
-        m = next_above(of_blocks, 0, TOLERANCE)
+        m = next_above(of_blocks, 0, found[1])
         while m < len(of_blocks):
             found = _worst_of_block(family, i, u, x, part * len(of_blocks) + m, work, blocks, found)
-            m = next_above(of_blocks, m + 1, TOLERANCE)
-        part = next_above(of_parts, part + 1, TOLERANCE)
+            m = next_above(of_blocks, m + 1, found[1])
+        part = next_above(of_parts, part + 1, found[1])
     return found
 
 

@@ -240,7 +240,7 @@ def evaluate(family: Family, points: Array, u: Array, x: Array) -> Array:
 
 
 def worst(family: Family, points: Array, u: Array, x: Array) -> tuple[Array, Array]:
-    """Return the row of a family that is violated most with every uncertain parameter at its worst, and its value.
+    """Return how much the worst row of a family is violated with every uncertain parameter at its worst, and its piece.
 
     Args:
         family: the rows.
@@ -249,11 +249,11 @@ def worst(family: Family, points: Array, u: Array, x: Array) -> tuple[Array, Arr
         x: sd^2 (M,).
 
     Returns:
-        Rows (M,), -1 if none is violated, and values (M,).
+        Values (M,), 0 if no row is violated; and the row a u + b x + c <= 0 for the worst parameters (M, 3).
     """
-    rows, values = np.zeros(len(points), dtype=np.int64), np.zeros(len(points))
-    worst_rows(family, points, u, x, rows, values)
-    return rows, values
+    values, pieces = np.zeros(len(points)), np.zeros((len(points), 3))
+    worst_rows(family, points, u, x, values, pieces)
+    return values, pieces
 
 
 def _stored(kernel: Callable[..., int], polygons: Polygons, limits: Family | tuple[Array, Array]) -> Polygons:

@@ -25,6 +25,9 @@ from robustopt.scene.placement import supports
 SLIPS, TIPS, TWIST = range(3)
 """Index of the name of the rows of a single contact: those that bound slip, tipping or peel, and the twist."""
 
+SAMPLE = 128
+"""One of so many rows of a fine cone is imposed at first."""
+
 
 @dataclass(frozen=True, eq=False)
 class ContactSystem:
@@ -75,6 +78,18 @@ class ContactSystem:
     def bounds_twist(self) -> bool:
         """Return whether some of the rows bound the twist, which no program over the generators knows of."""
         return bool((self.kinds == TWIST).any())
+
+    @property
+    def fine(self) -> bool:
+        """Return whether the system has so many rows that solvers impose only those that a plan violates."""
+        return self.edges == FINE_EDGES
+
+    @property
+    def sample(self) -> Indices:
+        """Return the rows that are imposed at first: all, or those of tipping and few others of a fine cone."""
+        if not self.fine:
+            return np.arange(len(self.facets))
+        return np.flatnonzero((self.kinds == TIPS) | (np.arange(len(self.facets)) % SAMPLE == 0))
 
     def about(self, points: Sequence[Array]) -> ContactSystem:
         """Return the same system with the moments of each held body about another point (3,) [m]."""

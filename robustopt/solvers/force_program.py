@@ -15,7 +15,6 @@ import numpy as np
 
 from robustopt.arrays import Array, Indices
 from robustopt.limits import polygons
-from robustopt.limits.cones import FINE_EDGES
 from robustopt.limits.contact_limit import NO_BASE, NO_TERMS, ContactLimit
 from robustopt.limits.formulas import evaluate, worst_wrench
 from robustopt.limits.polygons import RequiredWrench, facet_family
@@ -92,8 +91,7 @@ def missing_rows(
 ) -> tuple[Rows, float, int]:
     """Return the rows that a timing violates for some uncertain quantity, the worst violation, and programs solved.
 
-    The program is first solved for the uncertain quantities that are worst for the rows that are already imposed. Fine
-    cones need no program: their explicit rows are all evaluated in less time.
+    The program is first solved for the uncertain quantities that are worst for the rows that are already imposed.
 
     Args:
         limit: the limit.
@@ -102,8 +100,6 @@ def missing_rows(
         u: sdd (M,).
         x: sd^2 (M,).
     """
-    if limit.system.edges == FINE_EDGES:
-        return _violated_facets(limit, points, u, x), np.nan, 0
     wrenches, known = limit.wrench(points, u, x), limit.facets
     if len(known):
         loads = limit.loads.at(points)
@@ -158,8 +154,8 @@ def _violated_facets(limit: ContactLimit, points: Indices, u: Array, x: Array) -
     facets = limit.system.facets / limit.weight
     if not len(facets):
         return limit.facets[:0], limit.kinds[:0]
-    worst, values = polygons.worst(facet_family(facets, limit.loads, limit.system.kinds), points, u, x)
-    index = np.unique(worst[values > VIOLATION])
+    values = polygons.evaluate(facet_family(facets, limit.loads, limit.system.kinds), points, u, x)
+    index = np.unique(np.argmax(values, axis=1)[values.max(axis=1) > VIOLATION])
     new = _distinct(facets[index], limit.facets)
     return facets[index][new], limit.system.kinds[index][new]
 
