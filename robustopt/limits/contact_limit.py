@@ -26,7 +26,7 @@ class ContactLimit:
         kinds: index of the name of each row (F,).
         first: first grid point at which the contact exists.
         last: last grid point at which it exists; negative for the end of the grid.
-        cuts: rows a u + b x + c <= 0 of single grid points, the pieces of rows of a fine cone that bound plans (P, k, 3).
+        cuts: rows a u + b x + c <= 0 of single grid points, from rows of a fine cone that plans violated (P, k, 3).
     """
 
     system: ContactSystem
