@@ -26,7 +26,7 @@ SLIPS, TIPS, TWIST = range(3)
 """Index of the name of the rows of a single contact: those that bound slip, tipping or peel, and the twist."""
 
 SAMPLE = 128
-"""One of so many rows of a fine cone is imposed at first."""
+"""One of so many rows of a fine cone is imposed at first: with fewer of them there are more rounds."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,9 +1,10 @@
 """Solution of a time-scaling problem: an outer solver, repeated with the rows that its plan violates.
 
-`solve` repeats an outer solver (`reachability` or `ipopt`) until its plan fulfils three conditions, for every value of
+`solve` repeats an outer solver (`reachability` or `ipopt`) until its plan fulfils four conditions, for every value of
 the parameters: contact forces supply the required wrench at both ends of every interval (inner programs, whose duals
-become rows); contacts that share a wrench can do so within the joint torque limits (likewise); and the viscous torque,
-which the rows linearise, is within its limit and the linearisation has settled.
+become rows); it satisfies the rows of fine cones that are not imposed; contacts that share a wrench can do so within the
+joint torque limits (inner programs likewise); and the viscous torque, which the rows linearise, is within its limit and
+the linearisation has settled.
 """
 
 from __future__ import annotations
