@@ -2,7 +2,7 @@
 
 `solve` repeats an outer solver (`reachability` or `ipopt`) until its plan fulfils four conditions, for every value of
 the parameters: contact forces supply the required wrench at both ends of every interval (inner programs, whose duals
-become rows); it satisfies the rows of fine cones that are not imposed; contacts that share a wrench can do so within the
+become rows); no row of a fine cone is violated, imposed or not; contacts that share a wrench can do so within the
 joint torque limits (inner programs likewise); and the viscous torque, which the rows linearise, is within its limit and
 the linearisation has settled.
 """
