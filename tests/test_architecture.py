@@ -44,7 +44,7 @@ LAYERS = [
     ["path/walking_path"],
     ["path/build"],
     ["path"],
-    ["limits/names", "limits/cones", "limits/twist", "limits/bodies"],
+    ["limits/names", "limits/facets", "limits/cones", "limits/twist", "limits/bodies"],
     ["limits/laws"],
     ["limits/systems"],
     ["limits/stances", "limits/hands", "limits/load_sharing", "limits/uncertainty"],

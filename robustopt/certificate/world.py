@@ -303,7 +303,8 @@ class _Scene:
         at: Indices | None = None,
     ) -> System:
         scale = scale_of(placed, force, None if at is None else SOLE)
-        polygon = float(np.cos(np.pi / min(self.config.contact.cone_edges, TWIST_EDGES)))
+        edges = self.config.contact.cone_edges
+        polygon = float(np.cos(np.pi / (TWIST_EDGES if edges == "auto" else min(edges, TWIST_EDGES))))
         return make_system(name, placed, blocks, self.fingers, scale, len(self.contacts) + 1, polygon, at)
 
 

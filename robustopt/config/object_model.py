@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
@@ -198,8 +198,11 @@ class ContactConfig(Section):
         description="nominal coefficient of friction, one value for all contacts, or by contact or object (`default` "
         "for the rest); if only uncertainty.friction is given, the nominal value is the middle of its interval",
     )
-    cone_edges: int = Field(
-        default=16, ge=3, le=64, description="number of edges of the inner approximation of each friction cone"
+    cone_edges: Annotated[int, Field(ge=3, le=64)] | Literal["auto"] = Field(
+        default="auto",
+        description="number of edges of the inner approximation of each friction cone; `auto`: 72 for an object that "
+        "stands on a single face of three or four corners, which costs at most 0.1 % of friction, and 16 for all other "
+        "contacts",
     )
     patch_points: int = Field(default=8, ge=3, le=32, description="number of contact points of a round patch")
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from robustopt.arrays import Array, Flags, Indices
 from robustopt.limits.names import LimitName
-from robustopt.limits.polygons import Polygons, RequiredWrench, cut_part, evaluate, facet_family
+from robustopt.limits.polygons import Polygons, RequiredWrench, cut_affine, cut_part, evaluate, facet_family, worst
 from robustopt.limits.systems import SLIPS, TIPS, TWIST, ContactSystem
 
 NO_BASE, NO_TERMS = np.zeros((0, 0, 3)), np.zeros((0, 0, 0))
@@ -26,6 +26,7 @@ class ContactLimit:
         kinds: index of the name of each row (F,).
         first: first grid point at which the contact exists.
         last: last grid point at which it exists; negative for the end of the grid.
+        cuts: rows a u + b x + c <= 0 of single grid points, from rows of a fine cone that plans violated (P, k, 3).
     """
 
     system: ContactSystem
@@ -35,12 +36,13 @@ class ContactLimit:
     kinds: Indices
     first: int = 0
     last: int = -1
+    cuts: Array = field(default_factory=lambda: np.zeros((0, 0, 3)))
 
     @classmethod
     def of(
         cls, system: ContactSystem, loads: RequiredWrench, weight: float, first: int = 0, last: int = -1
     ) -> ContactLimit:
-        """Return the limit with all explicit rows of a system.
+        """Return the limit with the explicit rows of a system: all of them, or a sample of those of fine cones.
 
         Args:
             system: the contact system.
@@ -49,7 +51,8 @@ class ContactLimit:
             first: first grid point at which the contact exists.
             last: last grid point at which it exists; negative for the end of the grid.
         """
-        return cls(system, loads, weight, system.facets / weight, system.kinds, first, last)
+        chosen = system.sample
+        return cls(system, loads, weight, system.facets[chosen] / weight, system.kinds[chosen], first, last)
 
     @property
     def names(self) -> tuple[LimitName, ...]:
@@ -74,6 +77,27 @@ class ContactLimit:
         """
         return self.with_facets(np.concatenate([self.facets, facets]), np.concatenate([self.kinds, kinds]))
 
+    def with_cuts(self, points: Indices, u: Array, x: Array, most: float) -> ContactLimit | None:
+        """Return the limit with cuts by the rows of its system that some (u, x) violate most, None if none is violated.
+
+        Args:
+            points: grid point of each, every point at most twice (M,).
+            u: sdd (M,).
+            x: sd^2 (M,).
+            most: violation that is accepted, as a fraction of the weight.
+        """
+        family = facet_family(self.system.facets / self.weight, self.loads, self.system.kinds)
+        values, pieces = worst(family, points, u, x)
+        violated = np.flatnonzero((values > most) & self.holds_at(points))
+        if not len(violated):
+            return None
+        first = np.unique(points[violated], return_index=True)[1]
+        cuts = np.zeros((len(self.loads.nominal), 2, 3))
+        cuts[:, :, 2] = -1.0
+        for column, chosen in enumerate((violated[first], np.delete(violated, first))):
+            cuts[points[chosen], column] = pieces[chosen]
+        return replace(self, cuts=np.concatenate([self.cuts, cuts], axis=1) if len(self.cuts) else cuts)
+
     def with_all_facets(self) -> ContactLimit:
         """Return the limit with all explicit rows of its system; a solver may have added only the violated ones."""
         if not self.system.complete or len(self.system.facets) <= len(self.facets):
@@ -97,6 +121,8 @@ class ContactLimit:
             chosen = used[self.kinds] & rows
             family = facet_family(self.facets[chosen], self.loads, index[self.kinds[chosen]])
             polygons = cut_part(polygons, family, self.first, self.last)
+        if len(self.cuts) and used[SLIPS]:
+            polygons = cut_affine(polygons, self.cuts, np.full(self.cuts.shape[1], index[SLIPS]))
         return polygons
 
     def excess(self, u: Array, x: Array, points: Indices) -> Array:

@@ -17,7 +17,7 @@ from robustopt.limits.laws import ContactLaw
 from robustopt.limits.names import LimitKind
 from robustopt.limits.polygons import ALONG_PATH, RequiredWrench
 from robustopt.limits.stances import eroded_sole, stance_system
-from robustopt.limits.systems import ContactSystem, object_systems
+from robustopt.limits.systems import ContactSystem, coarse_edges, object_systems
 from robustopt.limits.torque import TorqueLimit, legged_torque
 from robustopt.limits.track import Track
 from robustopt.limits.turning import twisted
@@ -124,7 +124,7 @@ def _stance_limits(config: Config, track: Track, uncertainty: Uncertainty) -> li
     weight = STANDARD_GRAVITY * (robot.mass + sum(body.nominal[0] for body in uncertainty.bodies))
     borders = np.searchsorted(track.s, np.concatenate([[0.0], track.path.switches, [1.0]])).tolist()
     for k, stance in enumerate(track.path.stances):
-        system = stance_system(stance, soles, uncertainty.worst_friction, config.contact.cone_edges)
+        system = stance_system(stance, soles, uncertainty.worst_friction, coarse_edges(config))
         on_base = _first_rows(track.generalised_force(uncertainty), robot.base)
         found.append(ContactLimit.of(system, on_base, weight, borders[k], borders[k + 1]))
     return found

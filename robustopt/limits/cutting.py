@@ -86,6 +86,29 @@ def cut_family(polygons, family, result):
     return largest
 
 
+@compiled()
+def worst_rows(family, points, u, x, values, pieces):
+    """Find the row of a family that is violated most, for several (u, x).
+
+    Args:
+        family: the rows.
+        points: grid points (M,).
+        u: sdd (M,).
+        x: sd^2 (M,).
+        values: set to its value, or to 0 if none is violated (M,).
+        pieces: set to its active piece a u + slope x + c, if it is violated (M, 3).
+    """
+    work, blocks = row_work(family), row_blocks(family)
+    for m in range(len(points)):
+        i = points[m]
+        _find_reach(family, i, blocks)
+        _find_wrenches(family.wrench, i, u[m], x[m], work, blocks)
+        f, violation = _worst_row(family, i, u[m], x[m], work, blocks)
+        if f >= 0:
+            values[m] = violation
+            pieces[m, 0], pieces[m, 1], pieces[m, 2] = _piece(family, f, i, u[m], x[m], work)
+
+
 @compiled_inner(forceinline=True)
 def _try_rows(family, i, tried, count, work, draft, n, sizes):
     """Cut a draft of n vertices with the rows that bounded the last polygon; return the number of its vertices."""
@@ -179,35 +202,50 @@ def _find_reach(family, i, blocks):
 @compiled_inner(forceinline=True)
 def _worst_row(family, i, u, x, work, blocks):
     """Return the row that is violated most at (u, x), or -1, and by how much."""
-    B, base, lowest, highest = family.B, family.base, family.wrench.lowest, family.wrench.highest
-    central, reach, of_blocks, of_rows, value = (
+    lowest, highest = family.wrench.lowest, family.wrench.highest
+    central, reach, of_parts, of_blocks, value = (
         work.central,
         blocks.reach,
+        blocks.of_parts,
         blocks.of_blocks,
-        blocks.of_rows,
         blocks.value,
     )
-    b = i if B.shape[0] > 1 else 0
-    worst, violation = -1, TOLERANCE
+    found = -1, TOLERANCE
     if blocks.made:
-        block_bounds(blocks.extremes, blocks.extreme_sizes, 0, central, reach, lowest, highest, of_blocks, value)
-    m = next_above(of_blocks, 0, TOLERANCE)
-    while m < len(of_blocks):
+        block_bounds(blocks.outermost, blocks.outermost_sizes, 0, central, reach, lowest, highest, of_parts, value)
+    part = next_above(of_parts, 0, TOLERANCE)
+    while part < len(of_parts):
         if blocks.made:
-            block_bounds(blocks.entries, blocks.sizes, m, central, reach, lowest, highest, of_rows, value)
-        else:
-            row_bounds(B, b, base, blocks.own_reach, i, u, x, central, reach, lowest, highest, of_rows)
-        r = next_above(of_rows, 0, violation)
-        while r < len(of_rows):
-            f = m * len(of_rows) + r
-            find_margin(family, b, f, i, work)
-            found = row_value(family, b, f, i, u, x, work)
-            if found > violation and is_coupled(family.wrench):
-                found = worst_value(family, b, f, i, u, x, work)
-            if found > violation:
-                worst, violation = f, found
-            r = next_above(of_rows, r + 1, violation)
-        m = next_above(of_blocks, m + 1, TOLERANCE)
+            block_bounds(blocks.extremes, blocks.extreme_sizes, part, central, reach, lowest, highest, of_blocks, value)
+        m = next_above(of_blocks, 0, found[1])
+        while m < len(of_blocks):
+            found = _worst_of_block(family, i, u, x, part * len(of_blocks) + m, work, blocks, found)
+            m = next_above(of_blocks, m + 1, found[1])
+        part = next_above(of_parts, part + 1, found[1])
+    return found
+
+
+@compiled_inner(forceinline=True)
+def _worst_of_block(family, i, u, x, m, work, blocks, found):
+    """Return the worst row of block m at (u, x), and by how much it is violated; or `found` if that is worse."""
+    B, base, lowest, highest = family.B, family.base, family.wrench.lowest, family.wrench.highest
+    central, reach, of_rows, value = work.central, blocks.reach, blocks.of_rows, blocks.value
+    b = i if B.shape[0] > 1 else 0
+    worst, violation = found
+    if blocks.made:
+        block_bounds(blocks.entries, blocks.sizes, m, central, reach, lowest, highest, of_rows, value)
+    else:
+        row_bounds(B, b, base, blocks.own_reach, i, u, x, central, reach, lowest, highest, of_rows)
+    r = next_above(of_rows, 0, violation)
+    while r < len(of_rows):
+        f = m * len(of_rows) + r
+        find_margin(family, b, f, i, work)
+        value_here = row_value(family, b, f, i, u, x, work)
+        if value_here > violation and is_coupled(family.wrench):
+            value_here = worst_value(family, b, f, i, u, x, work)
+        if value_here > violation:
+            worst, violation = f, value_here
+        r = next_above(of_rows, r + 1, violation)
     return worst, violation
 
 

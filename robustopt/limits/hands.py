@@ -19,7 +19,7 @@ from robustopt.config.object_model import HandsConfig, pad_names
 from robustopt.errors import RobotError
 from robustopt.geometry import RESOLUTION, contact_axes, rectangle
 from robustopt.limits.laws import links
-from robustopt.limits.systems import ContactSystem, system_of
+from robustopt.limits.systems import ContactSystem, coarse_edges, system_of
 from robustopt.robot.hands import Hand
 from robustopt.scene.patches import Law, Patch
 from robustopt.scene.placement import TRAY
@@ -76,7 +76,7 @@ def hand_systems(
         RobotError: a pad reaches beyond the tray.
     """
     patches = hand_patches(config, hands)
-    edges = config.contact.cone_edges
+    edges = coarse_edges(config)
     found = []
     for link, hand in zip(links(patches, friction, edges, shift), hands, strict=True):
         system = system_of(link, (TRAY, *config.objects), edges)
@@ -102,7 +102,7 @@ def hand_force(config: Config, hand: Hand, friction: Mapping[str, float]) -> flo
     hold = config.tray.hands if config.tray is not None else None
     assert hold is not None, "checked when the configuration was read"
     low = hold.force[0] if isinstance(hold.force, tuple) else hold.force
-    mu = min(friction[name] for name in pad_names(hand.name)) * np.cos(np.pi / config.contact.cone_edges)
+    mu = min(friction[name] for name in pad_names(hand.name)) * np.cos(np.pi / coarse_edges(config))
     used = 0.5 * hold.squeeze / mu
     if used >= low:
         raise RobotError(

@@ -27,7 +27,7 @@ import numpy as np
 from robustopt.compiled import compiled
 from robustopt.errors import SolverFailed
 from robustopt.limits.clipping import MAX_VERTICES, cut_rows
-from robustopt.limits.cutting import cut_family
+from robustopt.limits.cutting import cut_family, worst_rows
 from robustopt.limits.row_values import family_values
 
 Array = np.ndarray
@@ -237,6 +237,23 @@ def evaluate(family: Family, points: Array, u: Array, x: Array) -> Array:
     values = np.zeros((len(points), len(family.names)))
     family_values(family, points, u, x, values)
     return values
+
+
+def worst(family: Family, points: Array, u: Array, x: Array) -> tuple[Array, Array]:
+    """Return how much the worst row of a family is violated with every uncertain parameter at its worst, and its piece.
+
+    Args:
+        family: the rows.
+        points: grid points (M,).
+        u: sdd (M,).
+        x: sd^2 (M,).
+
+    Returns:
+        Values (M,), 0 if no row is violated; and the row a u + b x + c <= 0 for the worst parameters (M, 3).
+    """
+    values, pieces = np.zeros(len(points)), np.zeros((len(points), 3))
+    worst_rows(family, points, u, x, values, pieces)
+    return values, pieces
 
 
 def _stored(kernel: Callable[..., int], polygons: Polygons, limits: Family | tuple[Array, Array]) -> Polygons:

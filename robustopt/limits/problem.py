@@ -22,6 +22,7 @@ from robustopt.limits.limit import Limit, LimitFactory
 from robustopt.limits.motion import PathMotion
 from robustopt.limits.names import LimitKind, LimitName
 from robustopt.limits.polygons import Polygons, cut_affine, edge_rows, start
+from robustopt.limits.systems import SLIPS
 from robustopt.limits.torque import TorqueLimit, torque_scale
 from robustopt.limits.track import Track
 from robustopt.limits.uncertainty import Uncertainty, uncertainty_of
@@ -154,6 +155,23 @@ class TimeScalingProblem:
             contacts: one limit for each contact system.
         """
         return _with_rows(replace(self, limits=replace(self.limits, contacts=tuple(contacts))))
+
+    def with_cuts(self, contacts: Sequence[ContactLimit]) -> TimeScalingProblem:
+        """Return the same problem with limits of its contact systems that have more cuts, without cutting all polygons.
+
+        Args:
+            contacts: one limit for each contact system.
+        """
+        new, names = [], []
+        for before, after in zip(self.limits.contacts, contacts, strict=True):
+            if after.cuts.shape[1] > before.cuts.shape[1]:
+                new.append(after.cuts[:, before.cuts.shape[1] :])
+                names += [after.names[SLIPS]] * new[-1].shape[1]
+        rows = [np.concatenate([old, *(part[:, :, k] for part in new)], axis=1)
+                for k, old in enumerate((self.a, self.b, self.c))]  # fmt: skip
+        a, b, c = rows
+        limits = replace(self.limits, contacts=tuple(contacts))
+        return replace(self, a=a, b=b, c=c, row_names=(*self.row_names, *names), limits=limits)
 
     def with_facets(self, facets: Sequence[Array]) -> TimeScalingProblem:
         """Return the same problem with other rows of its contact systems.

@@ -2,7 +2,7 @@
 
 |B_f| sum_k |W_gk| bounds the interval terms of a row, so its bound costs two products instead of one per term. Similar
 rows are neighbours, so the least and the largest entries of a block of them bound them all, and few blocks are looked
-into. Bounds change no result: they only tell which rows may be violated.
+into. Blocks of blocks are bounded likewise. Bounds change no result: they only tell which rows may be violated.
 """
 
 from __future__ import annotations
@@ -16,24 +16,28 @@ from robustopt.compiled import compiled, compiled_inner
 from robustopt.limits.row_values import own_part
 
 BLOCK = 16
-"""Rows that are bounded together: then a look at 588 facets is 37 bounds and the one or two blocks that may bind."""
+"""Rows that are bounded together, and blocks that are: a look at 15,000 facets is 58 bounds and the few blocks that may
+bind."""
 
 
 class Blocks(NamedTuple):
-    """Rows in M blocks of K rows, and room for bounds; or a single block of all rows, not made.
+    """Rows in blocks of K rows, L parts of K blocks, and room for bounds; or a single block of all rows, not made.
 
     Attributes:
         made: whether the rows are in blocks.
-        entries: rows block by block, padded with zeros (M, 1, d, K).
-        sizes: sizes of the entries (M, d, K).
-        extremes: least and largest entries of each block (1, 2, d, M).
-        extreme_sizes: largest sizes of each block (1, d, M).
+        entries: rows block by block, padded with zeros (L K, 1, d, K).
+        sizes: sizes of the entries (L K, d, K).
+        extremes: least and largest entries of each block, part by part (L, 2, d, K).
+        extreme_sizes: largest sizes of each block (L, d, K).
+        outermost: least and largest entries of each part (1, 2, d, L).
+        outermost_sizes: largest sizes of each part (1, d, L).
         reach: sum_k |W_gk| at (u, x), and the like of second moments and products, (G, d), or (0, d) for no intervals.
         fixed: part of the reach that depends on neither u nor x (G, d).
         own_reach: largest share of the interval terms in each row by itself (F, G), or (0, G) for none.
-        of_blocks: bounds of the blocks (M,); infinite for the single one.
+        of_parts: bounds of the parts (L,); infinite for the single one.
+        of_blocks: bounds of the blocks of a part (K,); infinite for the single one.
         of_rows: bounds of the rows of a block (K,).
-        value: work array (max(K, M),).
+        value: work array (max(K, L),).
     """
 
     made: bool
@@ -41,9 +45,12 @@ class Blocks(NamedTuple):
     sizes: Array
     extremes: Array
     extreme_sizes: Array
+    outermost: Array
+    outermost_sizes: Array
     reach: Array
     fixed: Array
     own_reach: Array
+    of_parts: Array
     of_blocks: Array
     of_rows: Array
     value: Array
@@ -55,28 +62,45 @@ def row_blocks(family):
     B, wrench, base_terms = family.B, family.wrench, family.base_terms
     (_, F, d), G = B.shape, len(wrench.lowest)
     made = B.shape[0] == 1 and family.base.shape[0] == 0 and F > BLOCK
-    K, M = (BLOCK, (F + BLOCK - 1) // BLOCK) if made else (F, 1)
+    K, L = (BLOCK, (F + BLOCK * BLOCK - 1) // (BLOCK * BLOCK)) if made else (F, 1)
+    M = L * BLOCK if made else 1
     intervals = len(wrench.group) + len(wrench.usual) + len(wrench.constant_group)
     entries, sizes = np.zeros((M, 1, d, BLOCK)), np.zeros((M, d, BLOCK))
-    extremes, extreme_sizes = np.zeros((1, 2, d, M)), np.zeros((1, d, M))
+    extremes, extreme_sizes = np.zeros((L, 2, d, BLOCK)), np.zeros((L, d, BLOCK))
+    outermost, outermost_sizes = np.zeros((1, 2, d, L)), np.zeros((1, d, L))
     if made:
         _fill(B, entries, sizes, extremes, extreme_sizes)
+        _fill_outermost(extremes, outermost, outermost_sizes)
     return Blocks(
-        made, entries, sizes, extremes, extreme_sizes, np.zeros((G if intervals else 0, d)), np.zeros((G, d)),
-        np.zeros((F if len(base_terms) else 0, G)), np.full(M, np.inf), np.zeros(K), np.zeros(max(K, M)),
+        made, entries, sizes, extremes, extreme_sizes, outermost, outermost_sizes,
+        np.zeros((G if intervals else 0, d)), np.zeros((G, d)), np.zeros((F if len(base_terms) else 0, G)),
+        np.full(L, np.inf), np.full(BLOCK if made else 1, np.inf), np.zeros(K), np.zeros(max(K, L)),
     )  # fmt: skip
 
 
 @compiled_inner()
 def _fill(B, entries, sizes, extremes, extreme_sizes):
-    for m in range(len(entries)):
+    F = B.shape[1]
+    for m in range((F + BLOCK - 1) // BLOCK):
+        part, k = m // BLOCK, m % BLOCK
         for j in range(B.shape[2]):
             low = high = B[0, m * BLOCK, j]
-            for r in range(min(BLOCK, B.shape[1] - m * BLOCK)):
+            for r in range(min(BLOCK, F - m * BLOCK)):
                 entry = B[0, m * BLOCK + r, j]
                 entries[m, 0, j, r], sizes[m, j, r] = entry, abs(entry)
                 low, high = min(low, entry), max(high, entry)
-            extremes[0, 0, j, m], extremes[0, 1, j, m], extreme_sizes[0, j, m] = low, high, max(-low, high)
+            extremes[part, 0, j, k], extremes[part, 1, j, k], extreme_sizes[part, j, k] = low, high, max(-low, high)
+
+
+@compiled_inner()
+def _fill_outermost(extremes, outermost, outermost_sizes):
+    for part in range(len(extremes)):
+        for j in range(extremes.shape[2]):
+            low, high = extremes[part, 0, j, 0], extremes[part, 1, j, 0]
+            for k in range(1, BLOCK):
+                low, high = min(low, extremes[part, 0, j, k]), max(high, extremes[part, 1, j, k])
+            outermost[0, 0, j, part], outermost[0, 1, j, part] = low, high
+            outermost_sizes[0, j, part] = max(-low, high)
 
 
 @compiled_inner(fastmath={"contract"}, forceinline=True)

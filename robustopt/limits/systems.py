@@ -16,14 +16,18 @@ import numpy as np
 from robustopt.arrays import Array, Flags, Indices
 from robustopt.config import Config
 from robustopt.errors import ConfigError
-from robustopt.limits.cones import about_point, tipping_rows
+from robustopt.limits.cones import COARSE_EDGES, FINE_EDGES, about_point, tipping_rows
+from robustopt.limits.facets import MOST_CORNERS
 from robustopt.limits.laws import ContactLaw, Link, links
 from robustopt.limits.names import LimitKind, LimitName
-from robustopt.scene.patches import patches
+from robustopt.scene.patches import Law, Patch, patches
 from robustopt.scene.placement import supports
 
 SLIPS, TIPS, TWIST = range(3)
 """Index of the name of the rows of a single contact: those that bound slip, tipping or peel, and the twist."""
+
+SAMPLE = 128
+"""One of so many rows of a fine cone is imposed at first: with fewer of them there are more rounds."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +81,18 @@ class ContactSystem:
         """Return whether some of the rows bound the twist, which no program over the generators knows of."""
         return bool((self.kinds == TWIST).any())
 
+    @property
+    def fine(self) -> bool:
+        """Return whether the system has so many rows that solvers impose only those that a plan violates."""
+        return self.edges == FINE_EDGES
+
+    @property
+    def sample(self) -> Indices:
+        """Return the rows that are imposed at first: all, or those of tipping and few others of a fine cone."""
+        if not self.fine:
+            return np.arange(len(self.facets))
+        return np.flatnonzero((self.kinds == TIPS) | (np.arange(len(self.facets)) % SAMPLE == 0))
+
     def about(self, points: Sequence[Array]) -> ContactSystem:
         """Return the same system with the moments of each held body about another point (3,) [m]."""
         moved, facets = self.generators.copy(), self.facets.copy()
@@ -117,8 +133,29 @@ def object_systems(
     Raises:
         ConfigError: the pressure of an object is fixed that shares its load with others.
     """
-    found = links(patches(config, twisted), friction, config.contact.cone_edges, shift, laws)
-    return tuple(_system(config, group, [link for link in found if link.object in group]) for group in _groups(config))
+    found = []
+    for group in _groups(config):
+        own = [patch for patch in patches(config, twisted) if patch.object in group]
+        edges = _edges(config, own, laws or {})
+        found.append(_system(config, group, links(own, friction, edges, shift, laws), edges))
+    return tuple(found)
+
+
+def coarse_edges(config: Config) -> int:
+    """Return the number of edges of the friction cones of all contacts but those that fine cones suit.
+
+    Args:
+        config: the configuration.
+    """
+    return COARSE_EDGES if config.contact.cone_edges == "auto" else config.contact.cone_edges
+
+
+def _edges(config: Config, own: Sequence[Patch], laws: Mapping[str, ContactLaw]) -> int:
+    """Return the number of edges of the friction cones of some patches that form a contact system."""
+    first, *others = own
+    free = first.law is Law.FRICTION and first.name not in laws and not first.fixed
+    fine = config.contact.cone_edges == "auto" and free and len(first.polygon) <= MOST_CORNERS and not others
+    return FINE_EDGES if fine else coarse_edges(config)
 
 
 # The contact graph ----------------------------------------------------------------------------------------
@@ -187,8 +224,7 @@ def system_of(link: Link, load: tuple[str, ...], edges: int) -> ContactSystem:
     )  # fmt: skip
 
 
-def _system(config: Config, group: tuple[str, ...], own: Sequence[Link]) -> ContactSystem:
-    edges = config.contact.cone_edges
+def _system(config: Config, group: tuple[str, ...], own: Sequence[Link], edges: int) -> ContactSystem:
     if len(own) == 1:
         return system_of(own[0], _loads(config, group[0], group), edges)
     _require_free(group, own)

@@ -1,9 +1,10 @@
 """Solution of a time-scaling problem: an outer solver, repeated with the rows that its plan violates.
 
-`solve` repeats an outer solver (`reachability` or `ipopt`) until its plan fulfils three conditions, for every value of
+`solve` repeats an outer solver (`reachability` or `ipopt`) until its plan fulfils four conditions, for every value of
 the parameters: contact forces supply the required wrench at both ends of every interval (inner programs, whose duals
-become rows); contacts that share a wrench can do so within the joint torque limits (likewise); and the viscous torque,
-which the rows linearise, is within its limit and the linearisation has settled.
+become rows); no row of a fine cone is violated, imposed or not; contacts that share a wrench can do so within the
+joint torque limits (inner programs likewise); and the viscous torque, which the rows linearise, is within its limit and
+the linearisation has settled.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from robustopt.arrays import Array
 from robustopt.errors import ConfigError
 from robustopt.limits import TimeScalingProblem
 from robustopt.limits.names import LimitKind
+from robustopt.limits.systems import SLIPS
 from robustopt.limits.track import MOST_SPEED
 from robustopt.solvers.plan import ACTIVE_TOLERANCE, Plan, Status, binding_rows, failed_plan, interval_ends, outcome
 from robustopt.solvers.reachability import solve_reachability
@@ -27,6 +29,9 @@ if TYPE_CHECKING:  # HiGHS is loaded only when a program is needed
     from robustopt.solvers.sharing import SharingSearch
 
 __all__ = ["Plan", "Status", "solve", "standstill"]
+
+MOST_MISSING = 1e-8
+"""Fraction of the weight by which a plan may violate a row of a fine cone that is not imposed."""
 
 MOST_ROUNDS = 60
 """Largest number of rounds of rows and relinearisations; the waiter tasks take about ten."""
@@ -65,7 +70,8 @@ def solve(problem: TimeScalingProblem, method: str | None = None) -> Plan:
     if refused is not None:
         return refused
     if method == "ipopt":
-        problem = problem.with_facets(tuple(np.zeros_like(rows[:0]) for rows in problem.facets))
+        contacts = problem.limits.contacts
+        problem = problem.with_contacts([c if c.system.fine else c.with_facets(c.facets[:0]) for c in contacts])
     figures = {"rounds": 0.0, "inner_programs": 0.0, "inner_seconds": 0.0, "relinearisations": 0.0}
     plan = _repeated(_outer(problem, method, None), method, figures)
     if plan.status is Status.INFEASIBLE and (at_rest := standstill(plan.problem)) >= 0:
@@ -113,6 +119,8 @@ def _repeated(plan: Plan, method: str, figures: dict[str, float]) -> Plan:
         if plan.status is not Status.SOLVED:
             return plan
         tighter = _with_missing_rows(plan, method, programs, figures)
+        if tighter is None:
+            tighter = _with_cuts(plan)
         if tighter is None:
             tighter = _with_shared_rows(plan, shared, figures)
         if tighter is None:
@@ -163,7 +171,9 @@ def _with_missing_rows(
     limits, kept = list(plan.problem.limits.contacts), plan.problem.kept
     counted = [np.array([kept is None or name in kept for name in limit.names]) for limit in limits]
     incomplete = [
-        k for k, limit in enumerate(limits) if counted[k].any() and (method == "ipopt" or not limit.system.complete)
+        k
+        for k, limit in enumerate(limits)
+        if counted[k].any() and not limit.system.fine and (method == "ipopt" or not limit.system.complete)
     ]
     if not incomplete:
         return None
@@ -190,6 +200,19 @@ def _with_missing_rows(
             break
     figures["inner_seconds"] += time.perf_counter() - began
     return plan.problem.with_contacts(limits) if found else None
+
+
+def _with_cuts(plan: Plan) -> TimeScalingProblem | None:
+    """Return the problem with cuts where its plan violates rows of fine cones that are not imposed, None if none is."""
+    problem = plan.problem
+    limits = list(problem.limits.contacts)
+    u, x, points = interval_ends(problem, plan.x, plan.u)
+    found = False
+    for k, limit in enumerate(limits):
+        if limit.system.fine and (problem.kept is None or limit.names[SLIPS] in problem.kept):
+            tighter = limit.with_cuts(points, u, x, MOST_MISSING)
+            limits[k], found = tighter or limit, found or tighter is not None
+    return problem.with_cuts(limits) if found else None
 
 
 def _with_shared_rows(plan: Plan, search: list[SharingSearch], figures: dict[str, float]) -> TimeScalingProblem | None:
