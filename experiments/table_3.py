@@ -35,7 +35,7 @@ WAITER = Problem(
 
 ABOVE = """# Table 3: two parameters of the waiter task
 
-Written by `make reproduce-tables`. Two blocks; learned are the coefficient of friction of both interfaces and the
+Written by `make reproduce-tables`. Two blocks; learned are the coefficient of friction of both contacts and the
 height of the upper block's centre of mass over its middle [m], from success or failure alone. Their actual values
 are {friction:g} and {height:g}.
 """

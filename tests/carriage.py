@@ -53,7 +53,7 @@ def parameters_of(config: Config) -> Parameters:
     part = config.objects["part"]
     body = BodyParameters(part.mass, np.array(part.center_of_mass), inertia_matrix(part))
     assert part.held_by is not None
-    friction = dict.fromkeys(config.interfaces, float(config.contact.friction))  # type: ignore[arg-type]
+    friction = dict.fromkeys(config.contact_owners, float(config.contact.friction))  # type: ignore[arg-type]
     return Parameters(friction, {"part": body}, {"part": float(np.mean(part.held_by.tool.force))})
 
 

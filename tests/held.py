@@ -65,7 +65,7 @@ def holding(
 
 def system_of(config: Config) -> ContactSystem:
     """The only contact system of a configuration, moments about the tool."""
-    (system,) = object_systems(config, dict.fromkeys(config.interfaces, config.contact.friction), {})
+    (system,) = object_systems(config, dict.fromkeys(config.contact_owners, config.contact.friction), {})
     return system
 
 

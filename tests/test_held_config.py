@@ -199,12 +199,12 @@ def test_a_tool_that_lacks_a_value_is_answered_in_words_alone(
 def test_contacts_of_held_parts_take_friction_by_their_own_name_then_by_that_of_the_part(task: Path) -> None:
     pads = f"{HELD}={{grip: {{pad: [0.02, 0.02], force: 40}}}}"
     config = load_config(task, [pads, "contact.friction={part_pad1: 0.7, part: 0.4}"])
-    assert config.interfaces == {"part_pad1": "part", "part_pad2": "part"}
+    assert config.contact_owners == {"part_pad1": "part", "part_pad2": "part"}
     two = load_config(
         task, [f"{HELD}.suction.cups=[{{at: [-0.02, 0], radius: 0.01}}, {{at: [0.02, 0], radius: 0.01}}]"]
     )
-    assert list(two.interfaces) == ["part_cup1", "part_cup2"]
-    assert list(load_config(task).interfaces) == ["part"]
+    assert list(two.contact_owners) == ["part_cup1", "part_cup2"]
+    assert list(load_config(task).contact_owners) == ["part"]
 
 
 def test_a_vacuum_below_the_weight_at_rest_names_the_force_that_is_needed(

@@ -118,7 +118,7 @@ def test_facets_are_the_cone_of_all_contact_forces(problem: TimeScalingProblem, 
     rng = np.random.default_rng(3)
     for family in tilted.limits.contacts[:2]:
         system = family.system
-        assert system.interfaces[-1] == HAND
+        assert system.contacts[-1] == HAND
         assert system.complete
         assert (system.facets @ system.generators).max() < 1e-8
         np.testing.assert_allclose(system.facets @ system.interior, -1.0, rtol=0.5)

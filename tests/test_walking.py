@@ -443,7 +443,7 @@ def test_a_foot_that_lifts_or_lands_does_so_gently(plan: Plan) -> None:
         before, after = 2 * later.first, 2 * later.first + 1
         assert forces.t[before] == forces.t[after]
         for name in forces.forces:
-            stood, stands = name in earlier.system.interfaces, name in later.system.interfaces
+            stood, stands = name in earlier.system.contacts, name in later.system.contacts
             if stood != stands:
                 assert forces.total(name)[before if stood else after, 2] < 0.02 * weight
 

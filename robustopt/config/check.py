@@ -116,7 +116,7 @@ _BY_BODY = (
 
 def _references(config: Config, names: Collection[str]) -> Iterator[Finding]:
     """Yield unknown names."""
-    contacts = tuple(dict.fromkeys([*config.interfaces, *config.interfaces.values(), *names]))
+    contacts = tuple(dict.fromkeys([*config.contact_owners, *config.contact_owners.values(), *names]))
     held = [name for name, body in config.objects.items() if body.held_by is not None]
     held += [TRAY] if config.tray is not None and config.tray.hands is not None else []
     yield from _unknown_names(config, ("execution.truth.contact_inset",), contacts)
@@ -146,8 +146,8 @@ def _unknown_names(config: Config, keys: Sequence[str], valid: Collection[str]) 
 def _contacts_without_friction(config: Config, names: Collection[str]) -> Iterator[Finding]:
     friction = config.contact.friction
     if isinstance(friction, Mapping) and "default" not in friction:
-        known = {**dict.fromkeys(names, ""), **config.interfaces}
-        objects = set(config.interfaces.values()) - set(config.interfaces)
+        known = {**dict.fromkeys(names, ""), **config.contact_owners}
+        objects = set(config.contact_owners.values()) - set(config.contact_owners)
         missing = [name for name, owner in known.items() if name not in friction and owner not in friction]
         if missing := [name for name in missing if name not in objects]:
             message = f"no value for {', '.join(missing)}; expected one for each object or contact, or `default`"
@@ -323,7 +323,7 @@ def _friction(config: Config) -> Iterator[Finding]:
     by_name = intervals if isinstance(intervals, Mapping) else {"": intervals}
     for name, interval in by_name.items():
         yield from _interval((*base, name) if name else base, interval)
-    for contact, owner in config.interfaces.items():
+    for contact, owner in config.contact_owners.items():
         used = next((name for name in (contact, owner, "default", "") if name in by_name), None)
         value = value_of(values, (contact, owner), None)
         if used is not None and value is not None:

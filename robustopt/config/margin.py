@@ -41,7 +41,7 @@ def without_margin(config: Config) -> str:
 
 def _expected(config: Config) -> Iterator[tuple[str, bool]]:
     """Yield the keys of quantities that always vary, and whether each has an interval."""
-    uncertain, contacts = config.uncertainty, config.interfaces.items()
+    uncertain, contacts = config.uncertainty, config.contact_owners.items()
     frictions = {name: value_of(uncertain.friction, (name, owner), (0.0, 0.0)) for name, owner in contacts}
     shifts = {name: value_of(uncertain.contact_points, (name, owner), 0.0) for name, owner in contacts}
     yield from _by_contact("uncertainty.friction", {name: high > low for name, (low, high) in frictions.items()})

@@ -232,7 +232,7 @@ class Config(Section):
         return FEET if self.path.rail is None else (*FEET, self.path.rail.contact)
 
     @property
-    def interfaces(self) -> dict[str, str]:
+    def contact_owners(self) -> dict[str, str]:
         """Return the object of each contact, by the name of the contact; an environment contact has its own name.
 
         Friction and contact points may be given by either name.

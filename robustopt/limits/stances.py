@@ -90,7 +90,7 @@ def stance_system(
         kinds=tipping_rows(facets, generators, edges).astype(np.intp),
         names=(LimitName(LimitKind.SLIP, stance.words), LimitName(LimitKind.TIPPING, stance.words)),
         edges=edges,
-        interfaces=names,
+        contacts=names,
     )
 
 

@@ -48,7 +48,7 @@ class ContactSystem:
         names: limits that the system imposes; the first two are for rows that slip and rows that tip, a third one is
             for the twist.
         edges: number of friction edges per contact point, which are neighbours among the generators.
-        interfaces: names of the contacts.
+        contacts: names of the contacts.
         transform: coordinates that the generators supply per coordinate of the system (d', d), None for the same.
     """
 
@@ -63,7 +63,7 @@ class ContactSystem:
     kinds: Indices
     names: tuple[LimitName, ...]
     edges: int
-    interfaces: tuple[str, ...]
+    contacts: tuple[str, ...]
     transform: Array | None = None
 
     @property
@@ -220,7 +220,7 @@ def system_of(link: Link, load: tuple[str, ...], edges: int) -> ContactSystem:
         objects=(link.object,), loads=(load,), pressed=(link.object,) * link.forces, points=(np.zeros(3),),
         generators=link.generators, edges_of_friction=np.arange(link.generators.shape[1]) < link.edges_of_friction,
         facets=facets, complete=link.complete, kinds=kinds, names=link.names, edges=edges,
-        interfaces=tuple(patch.name for patch in link.patches),
+        contacts=tuple(patch.name for patch in link.patches),
     )  # fmt: skip
 
 
@@ -240,7 +240,7 @@ def _system(config: Config, group: tuple[str, ...], own: Sequence[Link], edges: 
         kinds=np.zeros(0, dtype=np.intp),
         names=(_balance(group, own),),
         edges=edges,
-        interfaces=tuple(patch.name for link in own for patch in link.patches),
+        contacts=tuple(patch.name for link in own for patch in link.patches),
     )
 
 

@@ -84,7 +84,7 @@ class Sharing:
         """
         system = self.contacts[stance].system
         parts, first = {}, 0
-        for name in system.interfaces:
+        for name in system.contacts:
             count = len(self.soles[name]) * system.edges
             parts[name] = slice(first, first + count)
             first += count
@@ -375,7 +375,7 @@ def legged_torque(
     rows, known = np.zeros((points, n, n)), np.ones((points, n), dtype=bool)
     rows[:, base:, base:] = np.eye(n - base)
     for k, family in enumerate(contacts):
-        at, contact_names = np.flatnonzero(standing == k), family.system.interfaces
+        at, contact_names = np.flatnonzero(standing == k), family.system.contacts
         for name in contact_names:
             chain = chains[name]
             if len(contact_names) == 1:

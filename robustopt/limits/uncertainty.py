@@ -87,7 +87,7 @@ def uncertainty_of(config: Config, coordinates: int, base: int) -> Uncertainty:
         friction=tuple(friction(config).items()),
         contact_points=tuple(
             (contact, value_of(given.contact_points, (contact, owner), 0.0))
-            for contact, owner in config.interfaces.items()
+            for contact, owner in config.contact_owners.items()
         ),
         forces=tuple(forces(config).items()),
         bodies=tuple(bodies(config).values()),
@@ -107,7 +107,7 @@ def friction(config: Config) -> dict[str, Interval]:
     """
     given, nominal = config.uncertainty.friction, config.contact.friction
     found = {}
-    for contact, owner in config.interfaces.items():
+    for contact, owner in config.contact_owners.items():
         value = value_of(nominal, (contact, owner), np.nan)
         found[contact] = value_of(given, (contact, owner), (value, value))
     return found

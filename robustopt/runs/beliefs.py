@@ -59,7 +59,7 @@ def learned_from(config: Config, keys: Sequence[str]) -> Config:
     if ("contact", "friction") in learned:
         return with_values(config, {"uncertainty.friction": None})
     by_name = intervals if isinstance(intervals, Mapping) else {"default": intervals}
-    named = {name: by_name.get(name, by_name.get("default")) for name in config.interfaces}
+    named = {name: by_name.get(name, by_name.get("default")) for name in config.contact_owners}
     left = {name: bounds for name, bounds in named.items() if bounds and ("contact", "friction", name) not in learned}
     return with_values(config, {"uncertainty.friction": left or None})
 

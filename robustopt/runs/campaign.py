@@ -164,7 +164,7 @@ class _Campaign:
         workers: int,
         progress: Progress | None,
     ) -> None:
-        if not config.interfaces:
+        if not config.contact_owners:
             raise ConfigError("found no objects; expected at least one that friction holds", key="objects")
         self.config = config
         self.settings = config.learning or LearningConfig()

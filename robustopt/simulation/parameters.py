@@ -83,7 +83,7 @@ def nominal_parameters(config: Config, robot: Robot) -> Parameters:
         ConfigError: `execution.truth` names a body that the robot does not have.
     """
     friction = {
-        name: value_of(config.contact.friction, (name, body), np.nan) for name, body in config.interfaces.items()
+        name: value_of(config.contact.friction, (name, body), np.nan) for name, body in config.contact_owners.items()
     }
     tray = {} if config.tray is None else {"tray": config.tray}
     carried: dict[str, TrayConfig | ObjectConfig] = {**tray, **config.objects}
@@ -128,7 +128,7 @@ def actual_parameters(nominal: Parameters, config: Config, random: np.random.Gen
     sample, varied = _sampler(truth.variation, random), truth.variation
     friction = {}
     for name, value in nominal.friction.items():
-        names = (name, config.interfaces[name])
+        names = (name, config.contact_owners[name])
         middle = value_of(truth.friction, names, value)
         friction[name] = sample(middle, value_of(varied.friction, names, 0.0), True)
     bodies = {name: _actual_body(name, body, truth, sample) for name, body in nominal.bodies.items()}

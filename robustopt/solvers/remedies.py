@@ -75,7 +75,7 @@ def candidates(problem: TimeScalingProblem, conflict: Collection[str]) -> Iterat
     config, robot = problem.config, problem.robot
     yield from _joint_candidates(robot, conflict)
     systems = [limit.system for limit in problem.limits.contacts if set(limit.names) & set(conflict)]
-    touched = [name for system in systems for name in system.interfaces]
+    touched = [name for system in systems for name in system.contacts]
     if touched:
         yield from _friction_candidates(config, touched)
         yield from _force_candidates(config, [name for system in systems for name in system.pressed])
@@ -140,7 +140,7 @@ def _loaded(problem: TimeScalingProblem, touched: Collection[str], torque: bool)
     config = problem.config
     if torque or set(touched) & set(config.environment_contacts):
         return {*config.uncertainty.center_of_mass, *config.uncertainty.mass}
-    owners = {config.interfaces[name] for name in touched}
+    owners = {config.contact_owners[name] for name in touched}
     return {body for name in owners for body in carried(config, name)}
 
 
@@ -185,9 +185,9 @@ def _friction_candidates(config: Config, touched: Collection[str]) -> Iterator[C
     base = "contact.friction" if interval is None else "uncertainty.friction"
     source = config.contact.friction if interval is None else interval
     if not isinstance(source, dict):
-        groups: dict[str, list[str]] = {base: list(config.interfaces)}
+        groups: dict[str, list[str]] = {base: list(config.contact_owners)}
     else:
-        own = {name: _key_of(name, owner, source) for name, owner in config.interfaces.items()}
+        own = {name: _key_of(name, owner, source) for name, owner in config.contact_owners.items()}
         rest = [name for name, key in own.items() if key is None]
         groups = {}
         for name in touched:
@@ -200,7 +200,7 @@ def _friction_candidates(config: Config, touched: Collection[str]) -> Iterator[C
         def lifted(config: Config, value: float, names: Sequence[str] = tuple(names)) -> dict[str, Any]:
             return _with_friction(config, names, value)
 
-        nominal = min(value_of(config.contact.friction, (name, config.interfaces[name]), 0.0) for name in names)
+        nominal = min(value_of(config.contact.friction, (name, config.contact_owners[name]), 0.0) for name in names)
         raised = None if interval is None else (key.replace("uncertainty", "contact"), nominal)
         yield Candidate(key, min(known[name][0] for name in names), MOST_FRICTION, lifted, raised)
 
@@ -209,7 +209,7 @@ def _with_friction(config: Config, names: Collection[str], value: float) -> dict
     """Return the changes that raise the friction of some contacts to at least `value`, nominal value and interval."""
     points: dict[str, float] = {}
     intervals: dict[str, list[float]] = {}
-    for name, owner in config.interfaces.items():
+    for name, owner in config.contact_owners.items():
         point = value_of(config.contact.friction, (name, owner), 0.0)
         interval = value_of(config.uncertainty.friction, (name, owner), None)
         least = value if name in names else 0.0
