@@ -101,7 +101,7 @@ def test_dry_run_shows_the_configuration_and_the_size_and_writes_nothing(run, tm
     assert data["size"]["rows"] > data["size"]["rows_after_pruning"] > 0
     assert (data["size"]["objects"], data["size"]["contacts"]) == (2, 2)
     assert data["size"]["friction_edges"] == 2 * 4 * 16  # contacts, corners of the patch, edges of the cone
-    assert f"generators          {data['size']['generators']}" in size
+    assert f"friction edges      {data['size']['friction_edges']}" in size
     assert data["config"]["contact"]["friction"] == 0.25
 
 

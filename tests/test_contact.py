@@ -409,7 +409,7 @@ def test_a_bridge_with_intervals_holds_at_random_corners_of_the_box(method: str)
     assert -0.2 < worst <= 1e-6
 
 
-@pytest.mark.parametrize("method", ["reachability", "ipopt"])
+@pytest.mark.parametrize("method", ["reachability", pytest.param("ipopt", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", ["two_blocks", "side_by_side"])
 def test_facets_and_inner_programs_lead_to_the_same_plan(
     name: str, method: str, monkeypatch: pytest.MonkeyPatch

@@ -63,7 +63,9 @@ def turntable(**sections: object) -> Config:
 
 TASKS = {
     "off the axis": lambda: turntable(objects={"block": {**BLOCK, "at": [0.2, 0.07]}}),
-    "centre of mass off": lambda: turntable(objects={"block": {**BLOCK, "center_of_mass": [0.03, 0.01, 0.0]}}),
+    "centre of mass off": lambda: turntable(
+        objects={"block": {**BLOCK, "center_of_mass": [0.03, 0.01, 0.0], "pressure": "free"}}
+    ),
     "intervals": lambda: turntable(objects={"block": {**BLOCK, "at": [0.15, 0.1]}}, uncertainty=INTERVALS),
     "sweep": lambda: waiter("one_block", "solver.collocation_points=60", "contact.cone_edges=auto"),
 }

@@ -176,6 +176,7 @@ def test_less_certainty_about_the_hand_never_makes_a_plan_faster(problem: TimeSc
             assert times[-1] > 1.01 * times[0]
 
 
+@pytest.mark.slow
 def test_both_solvers_find_the_same_plan_and_it_passes_its_certificate(problem: TimeScalingProblem) -> None:
     for values in ({}, {"uncertainty.mass": {"torso": [13.0, 15.0]}, "uncertainty.friction": {HAND: [0.4, 0.6]}}):
         uncertain = believing(problem, values)

@@ -147,7 +147,7 @@ def test_every_status_has_a_sentence(status: Status) -> None:
 
 # One optimum ---------------------------------------------------------------------------------------------
 
-FINER = [pytest.param(n, marks=[] if n < 1000 else pytest.mark.slow) for n in (50, 200, 500, 1000)]
+FINER = [pytest.param(n, marks=[] if n < 500 else pytest.mark.slow) for n in (50, 200, 500, 1000)]
 
 
 @pytest.mark.parametrize("points", FINER)

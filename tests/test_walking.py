@@ -258,6 +258,7 @@ def test_each_foot_has_a_friction_of_its_own(problem: TimeScalingProblem) -> Non
     assert interval == pytest.approx(left, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_both_solvers_find_the_same_plan(problem: TimeScalingProblem) -> None:
     for values in ({}, UNCERTAIN):
         uncertain = believing(problem, values)
