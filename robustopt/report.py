@@ -133,6 +133,8 @@ def certificate_rows(certificate: CertificateRecord) -> list[Row]:
     effort = f"{certificate.level}: {certificate.samples:,} samples, {certificate.tests:,} tests"
     name, margin = min(margins.items(), key=lambda item: _lowest(item[1].on_grid))
     grid = "at a grid point" if worst.on_grid else "between grid points"
+    if worst.on_grid and worst.margin == margin.on_grid:
+        name = worst.limit
     lines = [
         Row("result", f"{'passed' if certificate.passed else 'failed'} ({effort})"),
         Row("margin at grid points", f"{_left(margin.on_grid, certificate.passed)}: {name}"),
@@ -188,6 +190,9 @@ def _cell(value: Any) -> str:
     if isinstance(value, Mapping):
         return ", ".join(f"{name} {_cell(inner)}" for name, inner in value.items())
     if isinstance(value, Sequence) and not isinstance(value, str):
+        if len(value) > MOST_LIMITS and isinstance(value[0], Sequence):
+            numbers = [number for point in value for number in point]
+            return f"{len(value)} points, from {_cell(min(numbers))} to {_cell(max(numbers))} along each axis"
         return ", ".join(_cell(inner) for inner in value)
     return f"{value:,}" if isinstance(value, int) else str(value)
 
