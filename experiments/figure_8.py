@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from learned import Bench
 from reproduce import run_alone
-from several import LEARNERS, Problem, Run, runs
+from several import LEARNERS, Problem, runs
 from table_3 import WAITER
 from table_4 import FRICTIONS
 
@@ -21,6 +21,7 @@ from robustopt.learning.parameters import Parameter
 from robustopt.plotting import style
 from robustopt.plotting.plane import TICKS, Plane, plane_figure
 from robustopt.runs.campaign import cost_of
+from robustopt.runs.records import LearningRecord
 
 AFTER = (5, 10, 20, 40)
 SIDE = 33
@@ -54,13 +55,13 @@ def guide(problem: Problem) -> np.ndarray:
     return durations
 
 
-def plane_of(problem: Problem, run: Run, durations: np.ndarray) -> Plane:
+def plane_of(problem: Problem, run: LearningRecord, durations: np.ndarray) -> Plane:
     """Return the drawn part of a run; `durations` are from `guide`."""
     first, second = problem.parameters
     ticks = np.array([[parameter.value(t) for t in TICKS] for parameter in (first, second)])
-    done = [row for row in run["rows"] if row["result"] in ("success", "failure")]
-    points = np.array([[_place(p, row["parameters"][p.key]) for p in (first, second)] for row in done]).reshape(-1, 2)
-    succeeded = np.array([row["result"] == "success" for row in done], dtype=bool)
+    done = [row for row in run.rows if row.result in ("success", "failure")]
+    points = np.array([[_place(p, row.parameters[p.key]) for p in (first, second)] for row in done]).reshape(-1, 2)
+    succeeded = np.array([row.result == "success" for row in done], dtype=bool)
     labels = (_label(first.key), _label(second.key))
     return Plane(labels, ticks, durations, points, succeeded)
 

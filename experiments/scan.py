@@ -108,7 +108,8 @@ class _Walk:
         self.planner, self.executor = Planner(config, certified=False), Simulated(config, place.workers)
         self.journal, self.trials, self.place = journal, trials, place
         self.plans = self._planned(beliefs)
-        self.order = sorted((i for i, (_, duration) in enumerate(self.plans) if duration), key=self._duration)
+        durations = settled(np.array([self._duration(i) for i in range(len(self.plans))]))
+        self.order = [i for i in np.argsort(durations, kind="stable").tolist() if self.plans[i][1]]
 
     def _planned(self, beliefs: Sequence[Belief]) -> list[tuple[Belief, float | None]]:
         known = [(entry.belief, entry.duration) for entry in self.journal.entries()]
@@ -123,7 +124,7 @@ class _Walk:
         return known
 
     def _duration(self, i: int) -> float:
-        return float(settled(np.array(self.plans[i][1] or np.inf)))
+        return self.plans[i][1] or np.inf
 
     def found(self, rates: Sequence[float]) -> Iterator[Found]:
         at = 0

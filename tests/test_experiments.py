@@ -1,6 +1,7 @@
 """The experiments run, small: what they write is complete and finite; how fast the machine is does not matter here."""
 
 import csv
+import importlib
 import json
 import math
 import platform
@@ -280,3 +281,8 @@ def test_every_part_is_written_once_and_after_its_runs(monkeypatch):
     import table_4
 
     assert sorted(reproduce.AHEAD["table_4"]) == sorted(p.name for p in (table_4.FRICTIONS, table_4.WITH_ERROR))
+
+
+@pytest.mark.parametrize("file", sorted(EXPERIMENTS.glob("*.py")), ids=lambda file: file.stem)
+def test_every_experiment_finds_all_that_it_imports(file):
+    importlib.import_module(file.stem)
