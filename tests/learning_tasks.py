@@ -69,16 +69,15 @@ class Threshold:
         return Execution(number, False, "slid", "block", 0.1, 0.2, moments)
 
 
-_PLANS: dict[tuple[str, Belief], PlanResult] = {}
+_PLANS: dict[tuple[str, str, Belief], PlanResult] = {}
 
 
 def remember_plans(monkeypatch: Any) -> None:
     """Make every plan of a configuration and a belief once for all tests of a process."""
-    make, texts = beliefs.Planner._make, dict[int, str]()
+    make = beliefs.Planner._make
 
     def remembered(self: beliefs.Planner, belief: Belief) -> PlanResult:
-        key = texts.setdefault(id(self.config), "") or dump(self.config), belief
-        texts[id(self.config)] = key[0]
+        key = dump(self.config), repr(self.config.robot), belief  # the text has a path relative to the configuration
         if key not in _PLANS:
             _PLANS[key] = make(self, belief)
         return _PLANS[key]
