@@ -28,19 +28,19 @@ FLAT_NODES = 5
 """Smallest number of nodes of one axis that shows that f* does not change."""
 
 BITS = 30
-"""Binary digits to which durations are compared, about 9 decimal ones: solvers agree to 11 on different processors."""
+"""Binary digits to which durations are compared: about 9 decimal digits, of which 11 are the same on two processors."""
 
 
-def settled(durations: Array) -> Array:
-    """Return durations to `BITS` binary digits, so that equal ones are equal and no last bit decides between them.
+def settled(values: Array) -> Array:
+    """Round values to `BITS` binary digits, so that equal ones are equal and no last bit decides between them.
 
     Args:
-        durations: durations [s], of any shape; inf stays inf.
+        values: durations, or values made from them, of any shape; inf stays inf.
 
     Returns:
-        Durations of the same shape [s].
+        Rounded values of the same shape.
     """
-    mantissa, exponent = np.frexp(durations)
+    mantissa, exponent = np.frexp(values)
     return np.asarray(np.ldexp(np.round(mantissa * 2.0**BITS) / 2.0**BITS, exponent))
 
 

@@ -31,6 +31,12 @@ CHUNK = 25
 CHUNK_STEPS = 200_000
 """Largest number of time steps of all trials in a chunk of several: records take up to about 300 MB."""
 
+DECIMALS = 9
+"""Decimals of the positions at the start [m, rad]. Faces that lie exactly on each other leave it to the last bit which
+of the two MuJoCo clips against the other, and a trial that begins so differs from processor to processor by up to
+millimetres; a nanometre decides the same everywhere.
+"""
+
 Progress = Callable[[int, int, int], None]
 """Function that is called with the numbers of trials done, requested, and succeeded."""
 
@@ -74,13 +80,6 @@ class Job:
             trial: number of the trial.
         """
         return actual_parameters(self.world.nominal, self.config, generator(self.seed, trial, WORLD))
-
-
-DECIMALS = 9
-"""Decimals of the positions at the start [m, rad]. Faces that lie exactly on each other leave it to the last bit which
-of the two MuJoCo clips against the other, and a trial that begins so differs from processor to processor by up to
-millimetres; a nanometre decides the same everywhere.
-"""
 
 
 @dataclass(frozen=True)
