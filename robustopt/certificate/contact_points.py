@@ -84,6 +84,21 @@ class Contacts:
         """Return the row of the closing force of a face that has one."""
         return 6 * (1 + max(other.above for other in self.faces)) + face.closing
 
+    @property
+    def matrix(self) -> Array:
+        """Return A: the rows per force coordinate at each point, (rows, 3, n, T or 1)."""
+        unit = np.broadcast_to(np.eye(3)[:, :, None, None], (3, 3, *np.broadcast_shapes(self.mu.shape, self.point.shape[1:])))
+        out = np.zeros((self.rows, *unit.shape[1:]))
+        for face in self.faces:
+            part = face.part
+            wrench = self.wrenches(face, unit[:, :, part])
+            _at(out, face.above)[:, :, part] += wrench
+            if face.below >= 0:
+                _at(out, face.below)[:, :, part] -= wrench
+            if face.closing >= 0:
+                out[self.closing(face), :, part] += unit[0, :, part]
+        return out
+
     def seen(self, y: Array) -> Array:
         """Return A_i^T y: the rows y (rows, T) as functionals of the force coordinates at each point, (3, n, T)."""
         out = np.empty((3, self.mu.shape[0], y.shape[-1]))
