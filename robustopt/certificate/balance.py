@@ -156,8 +156,7 @@ def _held_at(system: System, contacts: Contacts, rest: Array) -> Flags:
 def certainly_held(system: System, contacts: Contacts, rows: Array) -> Flags:
     """Return whether explicit forces balance rows (rows, T) and their twist.
 
-    This is a sufficient condition, not a necessary one. If a single face holds a single block, there may be further
-    axes before T.
+    This is a sufficient condition, not a necessary one.
     """
     if system.simple:
         held = simply_held(contacts, rows)

@@ -232,28 +232,30 @@ def least_forces(contacts: Contacts, rows: Array) -> Array:
 
 
 def simply_held(contacts: Contacts, wrench: Array) -> Flags:
-    """Return whether explicit forces balance a wrench (6, ...) on one block on the ground.
+    """Return whether explicit forces balance a wrench (6, T) on one block on the ground.
 
     The points must be the corners of a convex polygon, counter-clockwise, in the plane z = 0. The normal force is
     divided among them by the Wachspress coordinates l_i of its centre of pressure c, which are positive inside the
     polygon: l_i ~ area(p_{i-1}, p_i, p_{i+1}) / (area(c, p_{i-1}, p_i) area(c, p_i, p_{i+1})). The friction force at
     every point is the same share t of its normal force, plus a part that supplies the moment: a rotation about c, or a
-    part across t that grows in proportion to the position along t. This condition is sufficient, not necessary, and a
-    hundred times faster to evaluate than a search for forces. Further axes are allowed if those of contacts and wrench
-    broadcast.
+    part across t that grows in proportion to the position along t. This condition is sufficient, not necessary, and ten
+    times faster to evaluate than a search for forces.
     """
+    held = np.zeros(wrench.shape[1], dtype=bool)
     if len(contacts.faces) > 1 or contacts.mu.shape[0] < 3 or np.any(contacts.point[2]):
-        return np.zeros(wrench.shape[1:], dtype=bool)
-    fx, fy, fz, mx, my, mz = wrench
-    held = np.asarray(fz < 0.0)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        for part in _polygons(contacts.mu.shape[0]):
-            point, mu = contacts.point[:2, part], contacts.mu[part]
-            share = _wachspress(point, -my / fz, mx / fz)
-            held = held | spread_holds(point, mu, share, (fx / fz, fy / fz), mz / fz, (-my / fz, mx / fz))
-            if held.all():
-                break
-    return np.asarray((fz > 0.0) & held)
+        return held
+    left = np.flatnonzero(wrench[2] > 0.0)
+    for part in _polygons(contacts.mu.shape[0]):
+        own, (fx, fy, fz, mx, my, mz) = contacts[left], wrench[:, left]
+        center = -my / fz, mx / fz
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            share = _wachspress(own.point[:2, part], *center)
+            found = spread_holds(own.point[:2, part], own.mu[part], share, (fx / fz, fy / fz), mz / fz, center)
+        held[left] = found
+        left = left[~found]
+        if not len(left):
+            break
+    return held
 
 
 def _polygons(points: int) -> list[slice]:
