@@ -227,10 +227,10 @@ def _iterate(A, rest, f, s, g, s_g, y, residual, product, v, df, ds, dy, w, colu
 @compiled_inner(error_model="numpy")
 def _inside(c):
     """Return whether every c_i lies inside its cone."""
+    inside = True
     for i in range(c.shape[0]):
-        if not _square(c, i) > 0.0:
-            return False
-    return True
+        inside &= _square(c, i) > 0.0
+    return inside
 
 
 @compiled_inner(error_model="numpy")
@@ -269,7 +269,7 @@ def _solve_one(A, rest, move, inside, weight, enough, rules, best_y, left_over, 
     for _ in range(MOST_ITERATIONS):
         s_g, lower, product, unbalanced = _measure(A, rest, move, weight, f, g, y, s, residual)
         done = unbalanced < balanced * (1.0 + g) and g <= enough
-        error = max(unbalanced, g - lower) / (1.0 + g)
+        error = np.maximum(unbalanced, g - lower) / (1.0 + g)
         if done or error < least:
             value = g if done or error < accepted else np.inf
             reached = g
@@ -316,10 +316,30 @@ def solve(A, rest, move, inside, weight, enough, rules):
         np.empty((n, 3)),
         np.empty((n, 4)),
     )
-    y, dy, residual, column, M = np.empty(rows), np.empty(rows), np.empty(rows), np.empty((3, rows)), np.empty((rows, rows))
+    y, dy, residual, column, M = (
+        np.empty(rows),
+        np.empty(rows),
+        np.empty(rows),
+        np.empty((3, rows)),
+        np.empty((rows, rows)),
+    )
     for t in range(T):
         own, unit = A[t if len(A) > 1 else 0], weight[t if len(weight) > 1 else 0]
         value[t], lower[t], reached[t] = _solve_one(
-            own, rest[t], move[t], inside, unit, enough[t], rules, best_y[t], left_over[t], y, dy, residual, cones, column, M
+            own,
+            rest[t],
+            move[t],
+            inside,
+            unit,
+            enough[t],
+            rules,
+            best_y[t],
+            left_over[t],
+            y,
+            dy,
+            residual,
+            cones,
+            column,
+            M,
         )
     return value, lower, best_y, reached, left_over

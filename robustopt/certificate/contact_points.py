@@ -87,7 +87,9 @@ class Contacts:
     @property
     def matrix(self) -> Array:
         """Return A: the rows per force coordinate at each point, (rows, 3, n, T or 1)."""
-        unit = np.broadcast_to(np.eye(3)[:, :, None, None], (3, 3, *np.broadcast_shapes(self.mu.shape, self.point.shape[1:])))
+        unit = np.broadcast_to(
+            np.eye(3)[:, :, None, None], (3, 3, *np.broadcast_shapes(self.mu.shape, self.point.shape[1:]))
+        )
         out = np.zeros((self.rows, *unit.shape[1:]))
         for face in self.faces:
             part = face.part

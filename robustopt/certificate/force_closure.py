@@ -76,23 +76,18 @@ def gauge(contacts: Contacts, rest: Array, move: Array, good_enough: Array | flo
         gap: accuracy.
     """
     count = rest.shape[-1]
-    enough = np.ascontiguousarray(np.broadcast_to(np.asarray(good_enough, dtype=float), (count,)))
+    enough = np.broadcast_to(np.asarray(good_enough, dtype=float), (count,))
     rules = (gap, max(gap, ROUGH_GAP), GAP, MOST)
     value, lower, y = np.empty(count), np.empty(count), np.empty(rest.shape)
     for begin in range(0, count, CHUNK):
         part = slice(begin, begin + CHUNK)
-        own, here = contacts[part], np.ascontiguousarray(rest[:, part].T)
-        moved, wanted = np.ascontiguousarray(move[:, part].T), enough[part]
-        matrix = np.ascontiguousarray(own.matrix.T)
-        unit = np.ascontiguousarray(_units(own).T)
-        value[part], lower[part], found, reached, left_over = solve(
-            matrix, here, moved, contacts.inside, unit, wanted, rules
-        )
-        y[:, part] = found.T
-        size = np.linalg.norm(left_over, axis=1)
-        lost = np.flatnonzero(np.isinf(value[part]) & np.isfinite(reached) & (size < NEARLY))
-        if len(lost) and gap < NEARLY:
-            value[begin + lost] = _with_left_over(own[lost], here[lost].T, reached[lost], left_over[lost].T)
+        own, here = contacts[part], rest[:, part]
+        arrays = own.matrix.T, here.T, move[:, part].T, contacts.inside, _units(own).T, enough[part]
+        g, lower[part], limit, reached, left_over = solve(*(np.array(array, order="C") for array in arrays), rules)
+        lost = np.isinf(g) & np.isfinite(reached) & (np.linalg.norm(left_over, axis=1) < NEARLY)
+        if lost.any() and gap < NEARLY:
+            g[lost] = _with_left_over(own[np.flatnonzero(lost)], here[:, lost], reached[lost], left_over[lost].T)
+        value[part], y[:, part] = g, limit.T
     return Gauge(value, lower, y)
 
 

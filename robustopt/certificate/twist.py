@@ -23,27 +23,15 @@ import numpy as np
 
 from robustopt.arrays import Array, Flags, Indices
 from robustopt.certificate.contact_points import Contacts, Face, spread_holds
+from robustopt.certificate.twist_search import largest_ratio
 
 DIRECTIONS = 160
 """Number of rates of motion that are evaluated before the search; neighbours are a quarter of a radian apart."""
-
-STEPS = (0.2, 0.2, 0.1, 0.1, 0.05, 0.05, 0.02, 0.02, 0.008, 0.003, 0.001)
-"""Lengths of the search's steps to all sides; the first ones cover the distance between two directions. The ratio is
-then right to 1e-6 in 99.7 % of random twists, and to 1e-5 in all of them.
-"""
-
-FARTHEST = 3.0
-"""Largest distance, in steps, at which the top of a parabola is used."""
-
-SIDES = 8
 
 CLEAR = 0.8
 """Share of the gauge of interest below which a hold is not searched further after all directions have been
 evaluated.
 """
-
-CHUNK = 1024
-"""Number of programs that are solved together, see `force_closure.CHUNK`."""
 
 PLANE = [0, 1, 5]
 """Indices of the twist in an effort."""
@@ -101,25 +89,31 @@ class Hold:
         return np.asarray(self.mu * np.where(self.normals(effort) < 0.0, self.polygon, 1.0))
 
     def speeds(self, y: Array) -> Array:
-        """Return the speed |y_xy + y_z (-p_iy, p_ix)| of each point, (k, D, T), for rates y (3, D, T)."""
-        px, py = self.plane[:, :, None]
+        """Return the speed |y_xy + y_z (-p_iy, p_ix)| of each point, (k, T), for rates y (3, T)."""
+        px, py = self.plane
         return np.hypot(y[0] - y[2] * py, y[1] + y[2] * px)
 
     def cut(self, y: Array, strength: Array) -> Array:
         """Return the derivative of the slack with respect to the effort, (7, T), for rates y (3, T)."""
-        weights = strength * self.speeds(y[:, None])[:, 0]
+        weights = strength * self.speeds(y)
         out = np.einsum("ket,kt->et", self.pressure, weights)
         out[PLANE] -= y
         return out
 
 
 def elastic_pressure(plane: Array) -> Array:
-    """Return the elastic normal forces per effort, (k, 7, ...), at points (2, k, ...): B^T (B B^T)^-1."""
-    x, y = plane
-    rows = np.moveaxis(np.stack([np.ones_like(x), y, -x]), (0, 1), (-2, -1))
-    spread = np.linalg.solve(rows @ np.swapaxes(rows, -1, -2), rows)
+    """Return the elastic normal forces per effort, (k, 7, ...), at points (2, k, ...): the least squares that balance.
+
+    About the mean of the points, they are even for the force and linear in the place for the moments.
+    """
+    middle = plane.mean(axis=1)
+    x, y = plane - middle[:, None]
+    xx, xy, yy = (x * x).sum(axis=0), (x * y).sum(axis=0), (y * y).sum(axis=0)
+    spread = xx * yy - xy * xy
     out = np.zeros((len(x), 7, *x.shape[1:]))
-    out[:, 2:5] = np.moveaxis(spread, (-1, -2), (0, 1))
+    out[:, 3] = (xx * y - xy * x) / spread
+    out[:, 4] = (xy * y - yy * x) / spread
+    out[:, 2] = 1.0 / len(x) - middle[1] * out[:, 3] + middle[0] * out[:, 4]
     return out
 
 
@@ -146,93 +140,20 @@ def twist_gauge(hold: Hold, rest: Array, move: Array, good_enough: Array | float
         move: effort that the motion adds (7, T).
         good_enough: gauge of interest (T,).
     """
-    enough = np.broadcast_to(np.asarray(good_enough, dtype=float), rest.shape[-1:])
-    value, y = np.empty(rest.shape[-1]), np.empty((3, rest.shape[-1]))
-    for begin in range(0, len(value), CHUNK):
-        part = slice(begin, begin + CHUNK)
-        value[part], y[:, part] = _chunk_gauge(hold[part], rest[:, part], move[:, part], enough[part])
-    return value, y
-
-
-def _chunk_gauge(hold: Hold, rest: Array, move: Array, enough: Array) -> tuple[Array, Array]:
     strength = hold.strength(rest + move)
     normals = strength * np.stack([hold.normals(rest), hold.normals(move)])
-    twists = np.stack([rest[PLANE], move[PLANE]])
-    worst, y = _best(hold, normals, twists, _sphere())
-    near = np.flatnonzero((worst > CLEAR * enough) & (worst < np.inf))
-    if len(near):
-        worst[near], y[:, near] = _climb(hold[near], normals[..., near], twists[..., near], y[:, near], worst[near])
-    about_point, rates = _best(hold, normals, twists, _about_points(hold.plane))
-    return np.maximum(np.maximum(worst, about_point), 0.0), np.where(about_point > worst, rates, y)
-
-
-def _best(hold: Hold, normals: Array, twists: Array, y: Array) -> tuple[Array, Array]:
-    """Return the largest ratio (T,) over rates y (3, D, T), and the rate at which it occurs (3, T)."""
-    value = _ratio(hold.speeds(y), normals, twists, y)
-    best = np.argmax(value, axis=0)[None]
-    rates = np.take_along_axis(np.broadcast_to(y, (3, *value.shape)), best[None], axis=1)[:, 0]
-    return np.take_along_axis(value, best, axis=0)[0], rates
-
-
-def _climb(hold: Hold, normals: Array, twists: Array, y: Array, worst: Array) -> tuple[Array, Array]:
-    """Return the largest ratio near rates y (3, T), and its rate, from eight neighbours and the top of a parabola."""
-    angle = 2.0 * np.pi * np.arange(SIDES) / SIDES
-    side = np.stack([np.cos(angle), np.sin(angle)])[:, :, None]
-    for step in STEPS:
-        first = np.cross(y, np.eye(3)[np.argmin(np.abs(y), axis=0)].T, axis=0)
-        first /= np.linalg.norm(first, axis=0)
-        second = np.cross(y, first, axis=0)
-
-        def moved(by: Array, y: Array = y, first: Array = first, second: Array = second) -> Array:
-            tried = y[:, None] + first[:, None] * by[0] + second[:, None] * by[1]
-            return np.asarray(tried / np.linalg.norm(tried, axis=0))
-
-        tried = moved(step * side)
-        value = _ratio(hold.speeds(tried), normals, twists, tried)
-        top = moved(step * _top(value - worst, angle[:, None])[:, None])
-        tried = np.concatenate([tried, top, y[:, None]], axis=1)
-        value = np.concatenate([value, _ratio(hold.speeds(top), normals, twists, top), worst[None]])
-        best = np.argmax(value, axis=0)[None]
-        worst, y = np.take_along_axis(value, best, 0)[0], np.take_along_axis(tried, best[None], 1)[:, 0]
-    return worst, y
-
-
-def _top(rise: Array, angle: Array) -> Array:
-    """Return the top (2, T) of a parabola, in steps, from the rise to eight neighbours (8, T)."""
-    wave = [np.where(np.isfinite(rise), rise, 0.0) * part for part in (1.0, np.cos(angle), np.sin(angle))]
-    total, along, across = (part.sum(axis=0) for part in wave)
-    even = [(wave[0] * part).sum(axis=0) for part in (np.cos(2.0 * angle), np.sin(2.0 * angle))]
-    a, b, c = 0.25 * total + 0.5 * even[0], 0.5 * even[1], 0.25 * total - 0.5 * even[0]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        place = 0.25 * np.stack([b * across - c * along, b * along - a * across]) / (a * c - b * b)
-    peaked = (a < 0.0) & (a * c > b * b) & (np.abs(place).max(axis=0) < FARTHEST)
-    return np.where(peaked, place, 0.0)
-
-
-def _ratio(speeds: Array, normals: Array, twists: Array, y: Array) -> Array:
-    """Return -slack(move) / slack(rest), (D, T); infinite unless the slack of rest is positive."""
-    if speeds.shape[-1] == 1:
-        resisted, used = (np.tensordot(a[..., 0], b, (0, 1)) for a, b in ((speeds, normals), (y, twists)))
-        rest, move = np.moveaxis(resisted - used, 1, 0)
-    else:
-        rest, move = np.einsum("kdt,akt->adt", speeds, normals) - np.einsum("cdt,act->adt", y, twists)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(rest > 0.0, -move / rest, np.inf)
+    interest = np.broadcast_to(CLEAR * np.asarray(good_enough, dtype=float), rest.shape[-1:])
+    arrays = hold.plane.T, normals.T, np.stack([rest[PLANE], move[PLANE]]).T, _sphere().T, interest
+    value, y = largest_ratio(*(np.array(array, order="C") for array in arrays))
+    return value, y.T
 
 
 def _sphere() -> Array:
-    """Return unit rates (3, D, 1), evenly distributed over the sphere."""
+    """Return unit rates (3, D), evenly distributed over the sphere."""
     k = np.arange(DIRECTIONS) + 0.5
     z, turn = 1.0 - 2.0 * k / DIRECTIONS, np.pi * (1.0 + np.sqrt(5.0)) * k
     across = np.sqrt(1.0 - z * z)
-    return np.asarray(np.stack([across * np.cos(turn), across * np.sin(turn), z])[:, :, None])
-
-
-def _about_points(plane: Array) -> Array:
-    """Return the rotations (3, 2 k, T) about the contact points (2, k, T), both ways; the slack has kinks there."""
-    px, py = plane
-    about = np.stack([py, -px, np.ones_like(px)])
-    return np.concatenate([about, -about], axis=1)
+    return np.asarray(np.stack([across * np.cos(turn), across * np.sin(turn), z]))
 
 
 def spread_evenly(hold: Hold, effort: Array) -> Flags:
