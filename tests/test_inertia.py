@@ -1,34 +1,29 @@
 """Bodies that can exist: every distribution of the mass within a shape keeps the rows of a plan for `realizable`.
 
-The oracle knows only masses at points and Newton's law: a body is a set of points with weights, and what it requires is
-the sum of the forces that its points need. Worst bodies come from linear programs over the places of the masses.
+The oracle of `point_bodies` knows only masses at points and Newton's law.
 """
 
 from __future__ import annotations
 
 import importlib
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from functools import cache
 from itertools import product
 from typing import Any
 
-import mechanics
 import numpy as np
 import pytest
+from point_bodies import Shape, extreme, oracles, random_bodies, shape_of, worst_of
 from scenes import BOX, CONFIGS, duration, plan_of, scene, waiter
-from scipy.optimize import linprog
 
 import robustopt as ro
 from robustopt.config import Config
 from robustopt.config.load import load_config, with_values
 from robustopt.errors import ConfigError
 from robustopt.limits.bodies import Body
-from robustopt.limits.contact_limit import ContactLimit
 from robustopt.limits.uncertainty import bodies
 from robustopt.scene.placement import placements
 from robustopt.solvers import Plan
-from robustopt.solvers.plan import interval_ends
 
 POSES = "[{position: [0.7, -0.1, 0.3], yaw: -0.8}, {position: [0.7, 0.1, 0.3], yaw: 0.8}]"
 TURN = (f"path.tray_poses={POSES}", "robot.joint_friction=false", "solver.collocation_points=40")
@@ -68,168 +63,6 @@ TASKS = {
 @cache
 def planned(task: str) -> Plan:
     return plan_of(TASKS[task]())
-
-
-# Bodies of points ----------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Shape:
-    """The places of the masses of an object, and the interval of its centre of mass, axes of the object."""
-
-    places: np.ndarray
-    half: np.ndarray
-    center: np.ndarray
-    reach: np.ndarray
-
-
-def shape_of(config: Config, name: str) -> Shape:
-    """Three places along each edge of a box; two levels of rim, and the axis, of a cylinder at three heights."""
-    item = config.objects[name]
-    if item.size is not None:
-        half = np.array(item.size) / 2
-        places = np.array(list(product((-1.0, 0.0, 1.0), repeat=3)))
-    else:
-        half = np.array([item.radius, item.radius, item.height / 2])
-        angles = np.linspace(0.0, 2 * np.pi, 16, endpoint=False)
-        disc = np.vstack([np.stack([np.cos(angles), np.sin(angles)], axis=1), [[0.0, 0.0]]])
-        places = np.array([[*p, z] for p in disc for z in (-1.0, 0.0, 1.0)])
-    reach = config.uncertainty.center_of_mass.get(name, (0.0, 0.0, 0.0))
-    return Shape(places * half, half, np.array(item.center_of_mass), np.array(reach))
-
-
-@dataclass(frozen=True)
-class Points:
-    """A body of unit mass: weights (k,) and places (k, 3) of its masses, axes of the object."""
-
-    weights: np.ndarray
-    places: np.ndarray
-
-    @property
-    def center(self) -> np.ndarray:
-        return self.weights @ self.places
-
-
-def extreme(shape: Shape, value: np.ndarray) -> Points:
-    """The body with the largest sum of values of its places, centre of mass in the interval."""
-    rows = np.vstack([shape.places.T, -shape.places.T])
-    ends = np.r_[shape.center + shape.reach, shape.reach - shape.center]
-    found = linprog(-value, rows, ends, np.ones((1, len(value))), [1.0])
-    assert found.status == 0
-    return Points(found.x, shape.places)
-
-
-def random_bodies(shape: Shape, count: int, rng: np.random.Generator) -> Iterator[Points]:
-    """Masses at random extreme places, some of them drawn in along axes, and uniform boxes about a centre of mass."""
-    for k in range(count):
-        body = extreme(shape, rng.normal(size=len(shape.places)))
-        c = body.center
-        if k % 3 == 1:
-            body = Points(body.weights, c + rng.choice([0.0, 0.5, 1.0], size=3) * (body.places - c))
-        if k % 3 == 2 and len(shape.places) == 27:
-            body = uniform(c, rng.uniform(size=3) * (shape.half - np.abs(c)))
-        yield body
-
-
-def uniform(center: np.ndarray, half: np.ndarray) -> Points:
-    """The masses of Gauss' rule with two points per axis, which has the second moments of a uniform box."""
-    return Points(np.full(8, 1 / 8), center + np.array(list(product((-1.0, 1.0), repeat=3))) * half / np.sqrt(3))
-
-
-def usual(config: Config, name: str) -> Points:
-    """A body with the configured centre of mass and inertia, whose products are zero."""
-    item = config.objects[name]
-    inertia = mechanics.inertia(config, name) / item.mass
-    squares = 0.5 * np.trace(inertia) - np.diag(inertia)
-    return uniform(np.array(item.center_of_mass), np.sqrt(3 * squares))
-
-
-# Required wrenches ---------------------------------------------------------------------------------------
-
-
-def wrenches(
-    config: Config, name: str, places: np.ndarray, motions: Sequence[mechanics.Motion], about: np.ndarray
-) -> np.ndarray:
-    """What unit masses at places (k, 3) in an object need, moments about a point, (M, k, 6)."""
-    place = placements(config)[name]
-    r = place.position + places @ place.rotation.T
-    linear, alpha, omega = np.array([(m.linear, m.angular, m.omega) for m in motions]).transpose(1, 0, 2)[:, :, None]
-    force = linear + np.cross(alpha, r) + np.cross(omega, np.cross(omega, r))
-    return np.concatenate([force, np.cross(r - about, force)], axis=2)
-
-
-@dataclass(frozen=True)
-class Oracle:
-    """The rows of a contact limit at M instants, for bodies of points."""
-
-    config: Config
-    family: ContactLimit
-    motions: Sequence[mechanics.Motion]
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        return self.family.system.loads[0]
-
-    def values(self, name: str, places: np.ndarray) -> np.ndarray:
-        """Values of the rows per unit mass at places in an object, (M, F, k)."""
-        facets = self.family.system.facets[:, :6] / self.family.weight
-        found = wrenches(self.config, name, places, self.motions, self.family.system.points[0])
-        return np.asarray(facets @ np.swapaxes(found, 1, 2))
-
-    def largest(self, name: str, values: np.ndarray) -> np.ndarray:
-        """The values (M, F) of a body of unit mass at its worse end of the interval of mass."""
-        item = self.config.objects[name]
-        low, high = self.config.uncertainty.mass.get(name, (item.mass, item.mass))
-        return np.maximum(low * values, high * values)
-
-    def of_others(self, without: str) -> np.ndarray:
-        """Values of the rows for all loads but one, with their usual bodies, and of the forces that press."""
-        facets, given = self.family.system.facets[:, 6:] / self.family.weight, self.config.objects
-        total = np.zeros((len(self.motions), len(facets)))
-        for column, name in enumerate(self.family.system.pressed):
-            force = given[name].held_by.tool.force
-            total += facets[:, column] * (force[0] if isinstance(force, tuple) else force)
-        for name in set(self.names) - {without}:
-            body = usual(self.config, name)
-            total += self.largest(name, self.values(name, body.places) @ body.weights)
-        return total
-
-
-def oracles(plan: Plan, draws: int, rng: np.random.Generator) -> Iterator[Oracle]:
-    """The rows of every contact at both ends of every interval, with random ends of the acceleration errors."""
-    problem = plan.problem
-    u, x, points = interval_ends(problem, plan.x, plan.u)
-    error = mechanics.nominal(problem).error
-    given = problem.config.uncertainty.joint_acceleration
-    radius = np.zeros(problem.robot.n) if given is None else given.K * np.broadcast_to(given.deviation, len(error))
-    motions = [
-        mechanics.tray_motion(problem, *values, error + rng.choice([-1.0, 1.0], size=len(error)) * radius)
-        for values in zip(points, u, x, strict=True)
-        for _ in range(draws if radius.any() else 1)
-    ]
-    for family in problem.limits.contacts:
-        yield Oracle(problem.config, family, motions)
-
-
-def worst_of(plan: Plan, count: int, programs: int, rng: np.random.Generator) -> tuple[float, int]:
-    """The largest value of a row that any body reaches, and the number of bodies that were tried at all instants."""
-    worst, tried = -np.inf, 0
-    for oracle in oracles(plan, 2, rng):
-        for name in oracle.names:
-            if oracle.config.inertia_of(name) != "realizable":
-                continue
-            shape, others = shape_of(oracle.config, name), oracle.of_others(name)
-            per_place = oracle.values(name, shape.places)
-            for body in random_bodies(shape, count, rng):
-                own = per_place if body.places is shape.places else oracle.values(name, body.places)
-                worst = max(worst, float((oracle.largest(name, own @ body.weights) + others).max()))
-                tried += 1
-            likely = np.argsort(-(per_place.max(axis=2) + others), axis=None)[: 3 * programs : 3]
-            for m, f in zip(*np.unravel_index(likely, others.shape), strict=True):
-                body = extreme(shape, per_place[m, f])
-                worst = max(worst, float((oracle.largest(name, per_place @ body.weights) + others).max()))
-                tried += 1
-    return worst, tried
 
 
 # Plans ---------------------------------------------------------------------------------------------------
