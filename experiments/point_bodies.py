@@ -52,7 +52,7 @@ class Shape:
 
 
 def shape_of(config: Config, name: str) -> Shape:
-    """Return a shape: three places along each edge of a box, or on the rim and the axis of a cylinder at three heights."""
+    """Return a shape with three places along each edge of a box, or on rim and axis of a cylinder at three heights."""
     item = config.objects[name]
     if item.size is not None:
         half = np.array(item.size) / 2

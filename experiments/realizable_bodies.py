@@ -86,8 +86,8 @@ BELOW = """
   rows of contacts hold for the worst friction, forces and contact points in their intervals. Objects that share
   their contacts (`waiter_bridge`) are checked with {shared} rows per grid point that the certificate's programs find.
 - The used share of a contact row is the distance from what rest requires, as a part of the distance to the limit; that
-  of a joint is its torque, as a part of its limit. The hands, the feet and the joint torques of `humanoid_tray` are left
-  to the certificate. A body violates a plan if it uses more than 100.01 % of a limit.
+  of a joint is its torque, as a part of its limit. The hands, feet and joint torques of `humanoid_tray` are left to the
+  certificate. A body violates a plan if it uses more than 100.01 % of a limit.
 - "Wide" intervals reach half the way from the nominal centre of mass to the surface, for all objects at once. If there
   is no such plan, the widest intervals that have one are used. "{own}" are those of the shipped task; without an
   interval of a centre of mass, its inertia is known and there is nothing to try.
