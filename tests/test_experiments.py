@@ -286,3 +286,12 @@ def test_every_part_is_written_once_and_after_its_runs(monkeypatch):
 @pytest.mark.parametrize("file", sorted(EXPERIMENTS.glob("*.py")), ids=lambda file: file.stem)
 def test_every_experiment_finds_all_that_it_imports(file):
     importlib.import_module(file.stem)
+
+
+class TestRealizableBodies:
+    def test_no_body_violates_a_plan(self, tmp_path):
+        run("realizable_bodies.py", tmp_path, "--configs", "waiter_bridge", "--bodies", "100", "--points", "20")
+        own, wide = read(tmp_path / "realizable_bodies.csv")
+        assert (own["intervals"], own["objects"], own["bodies"]) == ("own", "none", "0")
+        assert (wide["objects"], wide["bodies"], wide["violations"]) == ("left, right, plank", "100", "0")
+        assert 90.0 < float(wide["used"]) <= 100.01

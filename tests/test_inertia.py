@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from point_bodies import Shape, extreme, oracles, random_bodies, shape_of, worst_of
+from realizable_bodies import bodies_of, used
 from scenes import BOX, CONFIGS, duration, plan_of, scene, waiter
 
 import robustopt as ro
@@ -104,6 +105,17 @@ def test_a_plan_for_known_inertia_is_violated_by_a_realizable_body(task: str, le
     assert ro.certify(planned(task)).passed
 
 
+@pytest.mark.parametrize(("inertia", "violated"), [([1, 1], True), ("realizable", False)])
+def test_the_bodies_of_the_experiment_violate_a_plan_for_known_inertia(inertia: Any, violated: bool) -> None:
+    """The share of a limit that bodies use exceeds 1 for a plan that takes their inertia as known, and for no other."""
+    plan = plan_of(with_values(planned("wide").problem.config, {"uncertainty.inertia.block": inertia}))
+    found, rng = list(oracles(plan, 1, np.random.default_rng(5))), np.random.default_rng(6)
+    shares, _ = used(found[0], ["block"], bodies_of(plan.problem.config, found, ["block"], 400, rng))
+    assert shares.max() > 0.97
+    assert (shares.max() > 1.002) == violated
+    assert violated or shares.max() <= 1.0 + TOLERANCE
+
+
 def test_a_plan_for_factors_holds_at_both_ends_and_is_no_slower() -> None:
     plan = plan_of(tall(0.5, NARROW, *TURN, inertia="[0.4, 1.5]"))
     for low, high in ((0.4, 0.4), (1.5, 1.5)):
@@ -113,14 +125,7 @@ def test_a_plan_for_factors_holds_at_both_ends_and_is_no_slower() -> None:
     assert plan.duration <= planned("turn").duration * (1 + 1e-9)
 
 
-@pytest.fixture
-def experiments(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The scripts that search for worst bodies can be imported."""
-    monkeypatch.syspath_prepend(str(CONFIGS.parent / "experiments"))
-
-
 @pytest.mark.slow
-@pytest.mark.usefixtures("experiments")
 @pytest.mark.parametrize(("task", "loss"), [("two_blocks", 1.0), ("one_block", 1.0)])
 def test_plans_for_realizable_bodies_are_nearly_as_fast_as_possible(task: str, loss: float) -> None:
     """Loss of duration in per cent against the fastest timing for all worst bodies that a search finds."""
@@ -128,7 +133,6 @@ def test_plans_for_realizable_bodies_are_nearly_as_fast_as_possible(task: str, l
     assert record(task, ("center_of_mass",), 25, "realizable")["loss"] <= loss
 
 
-@pytest.mark.usefixtures("experiments")
 @pytest.mark.parametrize("kind", ["box", "turned box, off centre", "can, off centre"])
 def test_the_search_for_worst_bodies_is_as_good_as_linear_programs(kind: str) -> None:
     """Random rows at displaced centres of mass, against masses anywhere on a fine grid in the shape."""
