@@ -74,7 +74,7 @@ LEVELS = {
     "quick": Level((0.25, 0.5, 0.75), 0, Thoroughness(8, 3, 1e-5), 100, 2, 40, 25_000, 1_000_000),
     "full": Level((0.125, 0.25, 0.5, 0.75, 0.875), 4, Thoroughness(1, 4, 1e-7), 10_000, 10, 400, 10**12, 10**12),
 }
-"""On one core, `quick` takes 0.2 to 0.6 s for 200 intervals, and `full` from 20 s (two boxes) to 100 s (a bridge)."""
+"""On one core, `quick` takes 0.1 to 0.8 s for 200 intervals, and `full` from 20 s (a box) to 80 s (three objects)."""
 
 
 @dataclass(frozen=True)

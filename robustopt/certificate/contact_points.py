@@ -248,7 +248,8 @@ def simply_held(contacts: Contacts, wrench: Array) -> Flags:
         return held
     left = np.flatnonzero(wrench[2] > 0.0)
     for part in _polygons(contacts.mu.shape[0]):
-        own, (fx, fy, fz, mx, my, mz) = contacts[left], wrench[:, left]
+        own, rows = (contacts, wrench) if len(left) == len(held) else (contacts[left], wrench[:, left])
+        fx, fy, fz, mx, my, mz = rows
         center = -my / fz, mx / fz
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             share = _wachspress(own.point[:2, part], *center)
