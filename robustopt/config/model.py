@@ -51,6 +51,9 @@ class JointLimitOverride(Section):
     acceleration: Limit | None = Field(
         default=None, description="largest joint acceleration; `.inf` for no limit [rad/s^2 or m/s^2]"
     )
+    jerk: Limit | None = Field(
+        default=None, description="largest joint jerk; none by default, or `.inf` [rad/s^3 or m/s^3]"
+    )
     torque: Limit | None = Field(
         default=None, description="largest joint torque or force; `.inf` for no limit [N m or N]"
     )

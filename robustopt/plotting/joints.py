@@ -92,6 +92,7 @@ def joint_quantities(plan: Plan) -> tuple[Array, list[Quantity]]:
     points = np.stack([moving, moving + 1], axis=1).ravel()
     t, s, sd = trajectory.times[points], trajectory.s[points], trajectory.sd[points]
     sdd = np.repeat(trajectory.sdd[moving], 2)
+    sdd[1::2] += trajectory.sddd[moving] * np.diff(trajectory.times)[moving]
     motion = joint_motion(trajectory.path, trajectory.piece[points], t, s, sd, sdd)
     limits = plan.problem.robot.limits
     quantities = [

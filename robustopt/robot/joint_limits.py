@@ -5,6 +5,7 @@
 | position | joint `range` | `limit lower upper` |
 | velocity | `<custom><numeric name="velocity_limit">`, one value per joint in their order | `limit velocity` |
 | acceleration | `<custom><numeric name="acceleration_limit">`, likewise | nowhere |
+| jerk | nowhere, none by default | nowhere |
 | torque | joint `actuatorfrcrange`, gear times the force range of its only actuator | `limit effort` |
 | dry friction | joint `frictionloss` | `dynamics friction` |
 | viscous friction | joint `damping` | `dynamics damping` |
@@ -41,6 +42,7 @@ class JointLimits:
     Attributes:
         lower, upper: limits of the position [rad or m]; infinite if the joint has none.
         velocity, acceleration, torque: largest absolute values [rad/s, rad/s^2, N m; for slides m/s, m/s^2, N].
+        jerk: largest absolute value [rad/s^3 or m/s^3]; infinite if the joint has none.
         dry_friction: dry friction of the joints [N m or N].
         viscous_friction: viscous friction of the joints [N m s/rad or N s/m].
     """
@@ -49,6 +51,7 @@ class JointLimits:
     upper: Array
     velocity: Array
     acceleration: Array
+    jerk: Array
     torque: Array
     dry_friction: Array
     viscous_friction: Array
@@ -104,6 +107,7 @@ def _file_limits(robot: RobotModel) -> dict[str, Array]:
         "upper": np.where(limited, model.jnt_range[:, 1], np.inf),
         "velocity": _numeric(robot, VELOCITY_NUMERIC, robot.urdf_limits.velocity),
         "acceleration": _numeric(robot, ACCELERATION_NUMERIC, {}),
+        "jerk": np.full(model.njnt, np.inf),
         "torque": _torque(model),
         "dry_friction": model.dof_frictionloss[model.jnt_dofadr],
         "viscous_friction": model.dof_damping[model.jnt_dofadr],
@@ -182,7 +186,7 @@ def _override(config: Config, robot: RobotModel, limits: dict[str, Array]) -> No
         override = given[name]
         if override.position is not None:
             limits["lower"][joints], limits["upper"][joints] = override.position
-        for kind in ("velocity", "acceleration", "torque", *FRICTIONS):
+        for kind in ("velocity", "acceleration", "jerk", "torque", *FRICTIONS):
             value = getattr(override, kind)
             if value is not None:
                 limits[kind][joints] = value

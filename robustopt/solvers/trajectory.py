@@ -1,8 +1,8 @@
 """Timed trajectory of a plan: sampling in closed form, exports, and the share of time in which each limit binds.
 
-On each interval of the grid u = sdd is constant, so with tau = t - t_i
+On each interval of the grid sdd changes at a constant rate sddd_i, which is 0 without jerk limits, so with tau = t - t_i
 
-    s(t) = s_i + sd_i tau + u_i tau^2 / 2,    sd(t) = sd_i + u_i tau,    t_{i+1} - t_i = 2 ds_i / (sd_i + sd_{i+1}),
+    s(t) = s_i + sd_i tau + u_i tau^2 / 2 + sddd_i tau^3 / 6,    sd(t) = sd_i + u_i tau + sddd_i tau^2 / 2,
 
 and q = q(s), qd = q' sd, qdd = q' sdd + q'' sd^2, without numerical integration.
 """
@@ -69,7 +69,8 @@ class Trajectory:
     Attributes:
         times: time at each grid point, shape (P,), [s]; a stop (a doubled grid point) has the same time twice.
         s, sd: position and speed along the path at each grid point, shape (P,), [1], [1/s].
-        sdd: constant acceleration of each interval, shape (P-1,), [1/s^2]; 0 on an interval of zero length.
+        sdd: acceleration at the start of each interval, shape (P-1,), [1/s^2]; 0 on an interval of zero length.
+        sddd: constant rate of sdd on each interval, shape (P-1,), [1/s^3]; 0 without jerk limits.
         piece: piece of the path that each grid point belongs to, shape (P,).
         path: the geometric path q(s).
     """
@@ -78,6 +79,7 @@ class Trajectory:
     s: Array
     sd: Array
     sdd: Array
+    sddd: Array
     piece: NDArray[np.intp]
     path: Path
 
@@ -99,21 +101,26 @@ class Trajectory:
             raise Infeasible(f"There is no trajectory: {plan.message}")
         s = np.asarray(plan.s, dtype=float)
         sd = speed * np.sqrt(np.maximum(plan.x, 0.0))
-        steps = interval_durations(s, sd)
-        sdd = np.divide(np.diff(sd), steps, out=np.zeros_like(steps), where=steps > 0)
+        if plan.steady:
+            steps = interval_durations(s, sd)
+            sdd, sddd = np.divide(np.diff(sd), steps, out=np.zeros_like(steps), where=steps > 0), np.zeros_like(steps)
+        else:
+            steps, sdd = plan.steps / speed, plan.u * speed**2
+            change = (plan.u_end - plan.u) * speed**2
+            sddd = np.divide(change, steps, out=np.zeros_like(steps), where=steps > 0)
         times = np.concatenate([[0.0], np.cumsum(steps)])
-        arrays = (times, s.copy(), sd, sdd, np.array(plan.piece, dtype=np.intp))
+        arrays = (times, s.copy(), sd, sdd, sddd, np.array(plan.piece, dtype=np.intp))
         for array in arrays:
             array.flags.writeable = False
         return cls(*arrays, plan.problem.path)
 
     @property
     def duration(self) -> float:
-        """Return the time from start to end, sum of 2 ds / (sd_i + sd_{i+1}) [s]."""
+        """Return the time from start to end [s]."""
         return float(self.times[-1])
 
     def sample(self, t: Array | float) -> Samples:
-        """Return the states at times t, exact for the plan's piecewise constant sdd.
+        """Return the states at times t, exact for sdd that is constant or changes at a constant rate on each interval.
 
         At a jump of sdd the later value holds; at the end, the last one. Before the start and after the end the robot
         holds the first and the last position with sd = sdd = 0.
@@ -125,12 +132,14 @@ class Trajectory:
         last = int(np.flatnonzero(np.diff(self.times))[-1])
         i = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, last)
         tau = np.clip(t, 0.0, self.duration) - self.times[i]
-        part = tau / (self.times[i + 1] - self.times[i])
-        sd = (1.0 - part) * self.sd[i] + part * self.sd[i + 1]
-        s = np.clip(self.s[i] + 0.5 * (self.sd[i] + sd) * tau, self.s[i], self.s[i + 1])
+        step = self.times[i + 1] - self.times[i]
+        part, sddd = tau / step, self.sddd[i]
+        sd = (1.0 - part) * self.sd[i] + part * self.sd[i + 1] - 0.5 * sddd * tau * (step - tau)
+        s = self.s[i] + 0.5 * (self.sd[i] + sd) * tau - sddd * tau**3 / 12.0
+        s = np.clip(s, self.s[i], self.s[i + 1])
         inside = (t >= 0.0) & (t <= self.duration)
         sd = np.where(inside, sd, 0.0)
-        sdd = np.where(inside, self.sdd[i], 0.0)
+        sdd = np.where(inside, self.sdd[i] + sddd * tau, 0.0)
         return joint_motion(self.path, self.piece[i], t, s, sd, sdd)
 
     def at_gridpoints(self) -> Samples:
@@ -140,7 +149,7 @@ class Trajectory:
         the same time and position, the first one the braking and the second one the starting acceleration.
         """
         following = np.append(self.sdd, 0.0)
-        before = np.insert(self.sdd, 0, 0.0)
+        before = np.insert(self.sdd + self.sddd * np.diff(self.times), 0, 0.0)
         moves = np.append(np.diff(self.times) > 0, False)
         sdd = np.where(moves, following, before)
         return joint_motion(self.path, self.piece, self.times, self.s, self.sd, sdd)

@@ -1,0 +1,285 @@
+"""Jerk-limited timing: the minimum-time program in which sdd is continuous and changes at a constant rate per interval.
+
+sdd is 0 at every rest, and the rows a u + b x + c <= 0 hold at every grid point with its own u. Each piece of the path,
+from one rest to the next, is a program of its own in (x, u) = (sd^2, sdd) at its inner grid points:
+
+    x' - x = (u + u') h,   h = ds + (u' - u) dt^2 / 12,   dt = 2 h / (sd + sd')
+
+on each interval, which is exact for a constant rate (u' - u) / dt, and u = 2 x / (3 ds) at the first point after rest,
+u = -2 x / (3 ds) at the last one before. The jerk of a joint is q''' sd^3 + 3 q'' sd sdd + q' sddd.
+
+An interior-point method finds a local minimum, from a slow timing of the piece (our choice, see `jerk_barrier`). The
+Newton matrix with the equations of the intervals is banded. At the centre for a weight w of the duration, the n slacks
+leave a gap of about n / w.
+"""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from scipy.linalg import solve_banded
+
+from robustopt.arrays import Array, Indices
+from robustopt.limits import TimeScalingProblem
+from robustopt.solvers.binding import JERK_INSIDE
+from robustopt.solvers.jerk_barrier import Newton, PieceRows, barrier, derivatives, durations
+from robustopt.solvers.plan import Plan, Status, failed_plan, interval_times, jerk_plan
+
+STEPS = 400
+"""Largest number of Newton steps on a piece; about sixty are usual."""
+
+FIRST_GAP, ACCURACY, SHARPEN = 0.5, 1e-6, 20.0
+"""First and last gap, as fractions of the duration, and the factor by which the weight grows in between."""
+
+CENTRED = 1e-2
+"""Squared Newton decrement below which the weight grows: the next centre is a few steps away."""
+
+USED = 0.5
+"""Part of each limit that the timing at the start uses."""
+
+SHORTEST_STEP = 1e-10
+"""Length of a Newton step below which the centre is as good as rounding errors allow."""
+
+BAND = 4
+"""Number of diagonals of the Newton matrix above, and below, the main one."""
+
+MOST_CORRECTIONS = 20
+"""Largest number of corrections of h, or Newton steps to a starting timing; three are usual."""
+
+CONSISTENT = 1e-13
+"""Residual of the equations of the intervals, as a fraction of the largest x, that rounding errors leave."""
+
+SLOWER = 1e-7
+"""First part by which a timing is slowed down if a correction has moved it out of a row."""
+
+METHOD = "reachability"
+"""Name of the method that this solver belongs to."""
+
+LEAST_SLACK = 1e-9
+"""Part of each limit that standing still must leave free."""
+
+
+def solve_jerk(problem: TimeScalingProblem) -> Plan:
+    """Return a minimum-time plan within the jerk limits on the rows of a problem, or a failed plan with the reason.
+
+    Args:
+        problem: the problem; the robot can stand still at its rests.
+    """
+    began = time.perf_counter()
+    x, u, steps = np.zeros(len(problem.s)), np.zeros(len(problem.s)), 0
+
+    def figures() -> dict[str, float]:
+        return {"solver_seconds": time.perf_counter() - began, "newton_steps": float(steps)}
+
+    stuck = never_still(problem)
+    if stuck >= 0:
+        name = problem.row_names[int(np.argmax(problem.c[stuck]))]
+        message = (
+            "With jerk limits, the robot must be able to stand still everywhere on the path; at s = "
+            f"{problem.s[stuck]:.4g} it cannot, because of {name}."
+        )
+        return failed_plan(problem, Status.FAILED, METHOD, message, stuck, figures())
+    for first, last in pieces(problem):
+        x[first + 1 : last], u[first + 1 : last], taken = minimise(limited_rows(problem, first, last))
+        steps += taken
+        if taken >= STEPS:
+            status = Status.ITERATION_LIMIT
+            return failed_plan(problem, status, METHOD, status.sentence, -1, figures())
+    return jerk_plan(problem, x, u, METHOD, figures())
+
+
+def never_still(problem: TimeScalingProblem) -> int:
+    """Return the first grid point at which the robot cannot stand still with some slack, -1 if there is none.
+
+    Args:
+        problem: the problem.
+    """
+    wrong = problem.c.max(axis=1, initial=-1.0) > -LEAST_SLACK
+    return int(np.argmax(wrong)) if wrong.any() else -1
+
+
+def pieces(problem: TimeScalingProblem) -> list[tuple[int, int]]:
+    """Return the first and the last grid point of each piece from rest to rest.
+
+    Args:
+        problem: the problem.
+    """
+    stops = np.flatnonzero(problem.ds == 0.0)
+    return list(zip([0, *(stops + 1).tolist()], [*stops.tolist(), len(problem.s) - 1], strict=True))
+
+
+def limited_rows(problem: TimeScalingProblem, first: int, last: int) -> PieceRows:
+    """Return the rows of the piece between two rests.
+
+    On the first interval the rate k is constant, so u = 2 x / (3 ds) and k = 2 sd^3 / (9 ds^2) at its end. The jerk is
+    at most sd^3 (|q'''| + 2 |q''| / ds + 2 |q'| / (9 ds^2)), which bounds x. The last interval is its mirror image.
+
+    Args:
+        problem: the problem.
+        first: grid point at the start.
+        last: grid point at the end.
+    """
+    motion, path, s = problem.limits.motion, problem.path, problem.s[first : last + 1]
+    jerk = problem.robot.limits.jerk
+    chosen = np.isfinite(jerk)
+    limit = jerk[chosen]
+    q1, q2 = (values[first : last + 1][:, chosen] / limit for values in (motion.q1, motion.q2))
+    ds = np.diff(s)
+    ends = np.stack([s[:-1] + JERK_INSIDE * ds, s[1:] - JERK_INSIDE * ds], axis=1)
+    piece = np.full(ends.size, problem.piece[first])
+    q3 = path.evaluate(ends.ravel(), piece, 3)[:, chosen].reshape(len(ds), 2, -1) / limit
+    x_max = problem.x_max[first + 1 : last].copy()
+    for end, inner, rest in ((0, 1, 0), (-1, -2, -1)):
+        gain = np.abs(q3[end]).max(axis=0) + 2.0 * np.abs(q2[inner]) / ds[end]
+        gain += 2.0 * np.maximum(np.abs(q1[inner]), np.abs(q1[rest])) / (9.0 * ds[end] ** 2)
+        x_max[end] = min(x_max[end], gain.max() ** (-2.0 / 3.0))
+    a, b, c = (np.ascontiguousarray(rows[first + 1 : last]) for rows in (problem.a, problem.b, problem.c))
+    return PieceRows(
+        a, b, c, x_max, np.array([ds[0], ds[-1]]), ds[1:-1].copy(),
+        np.ascontiguousarray(q1[1:-1]), np.ascontiguousarray(q2[1:-1]), np.ascontiguousarray(q3[1:-1]),
+    )  # fmt: skip
+
+
+def minimise(rows: PieceRows) -> tuple[Array, Array, int]:
+    """Return the timing of a piece of least duration: x and u at its inner points (n,), and the number of Newton steps.
+
+    Args:
+        rows: the rows; x = u = 0 satisfies them with some slack.
+    """
+    x, u = _slow_timing(rows)
+    n = len(x)
+    newton = Newton(np.zeros((n, 2)), np.zeros((n, 3)), np.zeros((n - 1, 2, 2)))
+    slacks = rows.a.size + n + 2 * rows.q3.size
+    h, reach = _measures(rows, x, u)
+    weight, steps = slacks / (FIRST_GAP * float(durations(rows, h, x).sum())), 0
+    while steps < STEPS:
+        duration = derivatives(rows, h, reach, x, u, weight, newton)
+        dx, du = _step(rows, h, x, u, newton)
+        steps += 1
+        decrement = -float(newton.gradient[:, 0] @ dx + newton.gradient[:, 1] @ du)
+        size, value = 1.0, barrier(rows, h, reach, x, u, weight)
+        while size > SHORTEST_STEP:
+            enough = value - 0.01 * size * decrement + SHORTEST_STEP * abs(value)
+            if barrier(rows, h, reach, x + size * dx, u + size * du, weight) <= enough:
+                x, u = x + size * dx, u + size * du
+                break
+            size *= 0.5
+        if decrement < CENTRED or size <= SHORTEST_STEP:
+            if slacks / weight <= ACCURACY * duration:
+                break
+            weight *= SHARPEN
+            x, u, h, reach = _consistent(rows, x, u)
+    x, u, _, _ = _consistent(rows, x, u)
+    return x, u, steps
+
+
+def _measures(rows: PieceRows, x: Array, u: Array) -> tuple[Array, Array]:
+    """Return h of the intervals between points (n - 1,), and r at both of their ends (n - 1, 2)."""
+    speed = np.sqrt(x)
+    mean = 0.5 * (speed[:-1] + speed[1:])
+    dt = interval_times(rows.ds, mean, np.diff(u))
+    return mean * dt, np.stack([speed[:-1] * dt, speed[1:] * dt], axis=1)
+
+
+def _consistent(rows: PieceRows, x: Array, u: Array) -> tuple[Array, Array, Array, Array]:
+    """Return x, u that satisfy the equations of the intervals with their own h, inside of all rows, and h and r."""
+    for _ in range(MOST_CORRECTIONS):
+        h, reach = _measures(rows, x, u)
+        off = _residual(rows, h, x, u)
+        if np.abs(off).max() <= CONSISTENT * x.max():
+            break
+        dx, du = _step(rows, h, x, u, None)
+        x, u = x + dx, u + du
+    slower = SLOWER
+    while not np.isfinite(barrier(rows, h, reach, x, u, 0.0)):
+        x, u = x * (1.0 - slower), u * (1.0 - slower)
+        slower = min(2.0 * slower, 0.5)
+    return x, u, h, reach
+
+
+def _slow_timing(rows: PieceRows) -> tuple[Array, Array]:
+    """Return a timing (x, u) of a piece that uses the part USED of its most restrictive limit.
+
+    It has the shape s = 10 t^3 - 15 t^4 + 6 t^5, from rest to rest with sdd = 0 at both ends.
+    """
+    ds = np.concatenate([rows.ends[:1], rows.ds, rows.ends[1:]])
+    length = ds.sum()
+    ahead, left = np.cumsum(ds)[:-1] / length, np.cumsum(ds[::-1])[-2::-1] / length
+    near = np.where(ahead < 0.5, _time_of(ahead), _time_of(left))
+    rate = length * 30.0 * near**2 * (1.0 - near) ** 2
+    x = rate**2
+    u = np.where(ahead < 0.5, 1.0, -1.0) * length * (60.0 * near - 180.0 * near**2 + 120.0 * near**3)
+    for _ in range(MOST_CORRECTIONS):
+        h, reach = _measures(rows, x, u)
+        if np.abs(_residual(rows, h, x, u)).max() <= CONSISTENT * x.max():
+            break
+        dx, du = _step(rows, h, x, u, None)
+        x, u = x + dx, u + du
+    used = ((rows.a * u[:, None] + rows.b * x[:, None]) / -rows.c).max(initial=0.0)
+    part = USED / max(used, float((x / rows.x_max).max()))
+    x, u = part * x, part * u
+    while not np.isfinite(barrier(rows, h, reach, x, u, 0.0)):
+        x, u = 0.5 * x, 0.5 * u
+    return x, u
+
+
+def _time_of(s: Array) -> Array:
+    """Return t in [0, 1/2] with s = 10 t^3 - 15 t^4 + 6 t^5, by Newton's method from t = (s / 10)^(1/3)."""
+    t = np.cbrt(s / 10.0)
+    for _ in range(MOST_CORRECTIONS):
+        t = np.minimum(t - (10.0 * t**3 - 15.0 * t**4 + 6.0 * t**5 - s) / (30.0 * t**2 * (1.0 - t) ** 2), 0.5)
+    return t
+
+
+def _residual(rows: PieceRows, h: Array, x: Array, u: Array) -> Array:
+    """Return the residual of the equations of the intervals, those at rest multiplied by their length, (n + 1,)."""
+    first, last = rows.ends
+    return np.concatenate(
+        [[first * u[0] - 2.0 / 3.0 * x[0]], np.diff(x) - h * (u[:-1] + u[1:]), [last * u[-1] + 2.0 / 3.0 * x[-1]]]
+    )
+
+
+def _step(rows: PieceRows, h: Array, x: Array, u: Array, newton: Newton | None) -> tuple[Array, Array]:
+    """Return the Newton step (dx, du), or without derivatives the least relative change that satisfies the equations.
+
+    The unknowns of the banded system are in the order of the path: multiplier, dx, du, multiplier, ... Each is divided
+    by a size that it has near rest, x itself and x / s for u.
+    """
+    n = len(x)
+    first, last = rows.ends
+    away = np.minimum(first + np.r_[0.0, np.cumsum(rows.ds)], last + np.r_[np.cumsum(rows.ds[::-1])[::-1], 0.0])
+    size = np.stack([x, x / away], axis=1)
+    if newton is None:
+        gradient, own, after = np.zeros((n, 2)), np.tile([1.0, 0.0, 1.0], (n, 1)), np.zeros((n - 1, 2, 2))
+    else:
+        gradient = newton.gradient * size
+        own = newton.own * np.stack([size[:, 0] ** 2, size[:, 0] * size[:, 1], size[:, 1] ** 2], axis=1)
+        after = newton.next * size[:-1, :, None] * size[1:, None, :]
+    band, right = np.zeros((2 * BAND + 1, 3 * n + 1)), np.empty(3 * n + 1)
+    at = 3 * np.arange(n)
+
+    def put(row: Indices | int, column: Indices | int, values: Array | float) -> None:
+        band[BAND + row - column, column] = values
+        band[BAND + column - row, row] = values
+
+    put(at + 1, at + 1, own[:, 0])
+    put(at + 1, at + 2, own[:, 1])
+    put(at + 2, at + 2, own[:, 2])
+    for j in range(2):
+        for k in range(2):
+            put(at[:-1] + 1 + j, at[1:] + 1 + k, after[:, j, k])
+    scale = np.concatenate([size[:1, 0], np.minimum(x[:-1], x[1:]), size[-1:, 0]])
+    between, inner = at[1:], scale[1:-1]
+    put(0, 1, -2.0 / 3.0 * size[0, 0] / scale[0])
+    put(0, 2, first * size[0, 1] / scale[0])
+    put(3 * n, 3 * n - 2, 2.0 / 3.0 * size[-1, 0] / scale[-1])
+    put(3 * n, 3 * n - 1, last * size[-1, 1] / scale[-1])
+    put(between, between - 2, -size[:-1, 0] / inner)
+    put(between, between - 1, -h * size[:-1, 1] / inner)
+    put(between, between + 1, size[1:, 0] / inner)
+    put(between, between + 2, -h * size[1:, 1] / inner)
+    right[at + 1], right[at + 2] = -gradient[:, 0], -gradient[:, 1]
+    right[np.append(at, 3 * n)] = -_residual(rows, h, x, u) / scale
+    found = solve_banded((BAND, BAND), band, right, overwrite_ab=True, overwrite_b=True, check_finite=False)
+    return size[:, 0] * found[at + 1], size[:, 1] * found[at + 2]
