@@ -20,7 +20,7 @@ CROWDED = 0.4
 """A grid point that is nearer to a kink than this part of the spacing gives way to it."""
 
 
-FINER, SHORTEST_INTERVAL = 0.6, 1e-6
+FINER, SHORTEST_INTERVAL = 0.6, 1e-4
 """Ratio of neighbouring distances from rest where jerk is limited, and the shortest one as a part of the spacing: sdd
 rises like the cube root of s there, and the loss is 0.003 to 0.1 % of the duration (measured on one axis)."""
 

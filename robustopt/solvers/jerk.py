@@ -47,11 +47,12 @@ BAND = 4
 MOST_CORRECTIONS = 20
 """Largest number of corrections of h, or Newton steps to a starting timing; three are usual."""
 
-CONSISTENT = 1e-13
-"""Residual of the equations of the intervals, as a fraction of the largest x, that rounding errors leave."""
+CONSISTENT = 1e-12
+"""Residual of the equations of the intervals, as a fraction of x, that rounding errors leave."""
 
-SLOWER = 1e-7
-"""First part by which a timing is slowed down if a correction has moved it out of a row."""
+SLOWER, ROOM = 1e-7, 3.0
+"""First part by which a timing is slowed down if a correction has moved it too near to a row, and the change of the sum
+of the logarithms of all slacks from which on this is so."""
 
 METHOD = "reachability"
 """Name of the method that this solver belongs to."""
@@ -72,14 +73,9 @@ def solve_jerk(problem: TimeScalingProblem) -> Plan:
     def figures() -> dict[str, float]:
         return {"solver_seconds": time.perf_counter() - began, "newton_steps": float(steps)}
 
-    stuck = never_still(problem)
-    if stuck >= 0:
-        name = problem.row_names[int(np.argmax(problem.c[stuck]))]
-        message = (
-            "With jerk limits, the robot must be able to stand still everywhere on the path; at s = "
-            f"{problem.s[stuck]:.4g} it cannot, because of {name}."
-        )
-        return failed_plan(problem, Status.FAILED, METHOD, message, stuck, figures())
+    refused = unless_still(problem, METHOD)
+    if refused is not None:
+        return refused
     for first, last in pieces(problem):
         x[first + 1 : last], u[first + 1 : last], taken = minimise(limited_rows(problem, first, last))
         steps += taken
@@ -89,14 +85,23 @@ def solve_jerk(problem: TimeScalingProblem) -> Plan:
     return jerk_plan(problem, x, u, METHOD, figures())
 
 
-def never_still(problem: TimeScalingProblem) -> int:
-    """Return the first grid point at which the robot cannot stand still with some slack, -1 if there is none.
+def unless_still(problem: TimeScalingProblem, method: str) -> Plan | None:
+    """Return a failed plan if there is a grid point at which the robot cannot stand still with some slack, else None.
 
     Args:
         problem: the problem.
+        method: name of the method.
     """
     wrong = problem.c.max(axis=1, initial=-1.0) > -LEAST_SLACK
-    return int(np.argmax(wrong)) if wrong.any() else -1
+    if not wrong.any():
+        return None
+    stuck = int(np.argmax(wrong))
+    name = problem.row_names[int(np.argmax(problem.c[stuck]))]
+    message = (
+        "With jerk limits, the robot must be able to stand still everywhere on the path; at s = "
+        f"{problem.s[stuck]:.4g} it cannot, because of {name}."
+    )
+    return failed_plan(problem, Status.FAILED, method, message, stuck, {})
 
 
 def pieces(problem: TimeScalingProblem) -> list[tuple[int, int]]:
@@ -147,7 +152,7 @@ def minimise(rows: PieceRows) -> tuple[Array, Array, int]:
     Args:
         rows: the rows; x = u = 0 satisfies them with some slack.
     """
-    x, u = _slow_timing(rows)
+    x, u = slow_timing(rows)
     n = len(x)
     newton = Newton(np.zeros((n, 2)), np.zeros((n, 3)), np.zeros((n - 1, 2, 2)))
     slacks = rows.a.size + n + 2 * rows.q3.size
@@ -169,8 +174,8 @@ def minimise(rows: PieceRows) -> tuple[Array, Array, int]:
             if slacks / weight <= ACCURACY * duration:
                 break
             weight *= SHARPEN
-            x, u, h, reach = _consistent(rows, x, u)
-    x, u, _, _ = _consistent(rows, x, u)
+            x, u, h, reach = _consistent(rows, x, u, barrier(rows, h, reach, x, u, 0.0) + ROOM)
+    x, u, _, _ = _consistent(rows, x, u, np.finfo(float).max)
     return x, u, steps
 
 
@@ -182,26 +187,31 @@ def _measures(rows: PieceRows, x: Array, u: Array) -> tuple[Array, Array]:
     return mean * dt, np.stack([speed[:-1] * dt, speed[1:] * dt], axis=1)
 
 
-def _consistent(rows: PieceRows, x: Array, u: Array) -> tuple[Array, Array, Array, Array]:
-    """Return x, u that satisfy the equations of the intervals with their own h, inside of all rows, and h and r."""
+def _consistent(rows: PieceRows, x: Array, u: Array, most: float) -> tuple[Array, Array, Array, Array]:
+    """Return x, u that satisfy the equations of the intervals with their own h, and h and r.
+
+    The timing is slowed down until the barrier of a weight of 0 is at most `most`.
+    """
     for _ in range(MOST_CORRECTIONS):
         h, reach = _measures(rows, x, u)
-        off = _residual(rows, h, x, u)
-        if np.abs(off).max() <= CONSISTENT * x.max():
+        if np.abs(_residual(rows, h, x, u)).max() <= CONSISTENT:
             break
         dx, du = _step(rows, h, x, u, None)
         x, u = x + dx, u + du
     slower = SLOWER
-    while not np.isfinite(barrier(rows, h, reach, x, u, 0.0)):
+    while not barrier(rows, h, reach, x, u, 0.0) <= most:
         x, u = x * (1.0 - slower), u * (1.0 - slower)
         slower = min(2.0 * slower, 0.5)
     return x, u, h, reach
 
 
-def _slow_timing(rows: PieceRows) -> tuple[Array, Array]:
-    """Return a timing (x, u) of a piece that uses the part USED of its most restrictive limit.
+def slow_timing(rows: PieceRows) -> tuple[Array, Array]:
+    """Return a timing (x, u) of a piece that uses at most the part USED of its limits, (n,) each.
 
     It has the shape s = 10 t^3 - 15 t^4 + 6 t^5, from rest to rest with sdd = 0 at both ends.
+
+    Args:
+        rows: the rows; x = u = 0 satisfies them with some slack.
     """
     ds = np.concatenate([rows.ends[:1], rows.ds, rows.ends[1:]])
     length = ds.sum()
@@ -212,7 +222,7 @@ def _slow_timing(rows: PieceRows) -> tuple[Array, Array]:
     u = np.where(ahead < 0.5, 1.0, -1.0) * length * (60.0 * near - 180.0 * near**2 + 120.0 * near**3)
     for _ in range(MOST_CORRECTIONS):
         h, reach = _measures(rows, x, u)
-        if np.abs(_residual(rows, h, x, u)).max() <= CONSISTENT * x.max():
+        if np.abs(_residual(rows, h, x, u)).max() <= CONSISTENT:
             break
         dx, du = _step(rows, h, x, u, None)
         x, u = x + dx, u + du
@@ -233,11 +243,15 @@ def _time_of(s: Array) -> Array:
 
 
 def _residual(rows: PieceRows, h: Array, x: Array, u: Array) -> Array:
-    """Return the residual of the equations of the intervals, those at rest multiplied by their length, (n + 1,)."""
+    """Return the residual of the equations of the intervals, each as a fraction of its smaller x, (n + 1,)."""
     first, last = rows.ends
-    return np.concatenate(
-        [[first * u[0] - 2.0 / 3.0 * x[0]], np.diff(x) - h * (u[:-1] + u[1:]), [last * u[-1] + 2.0 / 3.0 * x[-1]]]
-    )
+    off = [[first * u[0] - 2.0 / 3.0 * x[0]], np.diff(x) - h * (u[:-1] + u[1:]), [last * u[-1] + 2.0 / 3.0 * x[-1]]]
+    return np.concatenate(off) / _smaller(x)
+
+
+def _smaller(x: Array) -> Array:
+    """Return the smaller x at the ends of each interval, or the one that is not at rest, (n + 1,)."""
+    return np.concatenate([x[:1], np.minimum(x[:-1], x[1:]), x[-1:]])
 
 
 def _step(rows: PieceRows, h: Array, x: Array, u: Array, newton: Newton | None) -> tuple[Array, Array]:
@@ -269,7 +283,7 @@ def _step(rows: PieceRows, h: Array, x: Array, u: Array, newton: Newton | None) 
     for j in range(2):
         for k in range(2):
             put(at[:-1] + 1 + j, at[1:] + 1 + k, after[:, j, k])
-    scale = np.concatenate([size[:1, 0], np.minimum(x[:-1], x[1:]), size[-1:, 0]])
+    scale = _smaller(x)
     between, inner = at[1:], scale[1:-1]
     put(0, 1, -2.0 / 3.0 * size[0, 0] / scale[0])
     put(0, 2, first * size[0, 1] / scale[0])
@@ -280,6 +294,6 @@ def _step(rows: PieceRows, h: Array, x: Array, u: Array, newton: Newton | None) 
     put(between, between + 1, size[1:, 0] / inner)
     put(between, between + 2, -h * size[1:, 1] / inner)
     right[at + 1], right[at + 2] = -gradient[:, 0], -gradient[:, 1]
-    right[np.append(at, 3 * n)] = -_residual(rows, h, x, u) / scale
+    right[np.append(at, 3 * n)] = -_residual(rows, h, x, u)
     found = solve_banded((BAND, BAND), band, right, overwrite_ab=True, overwrite_b=True, check_finite=False)
     return size[:, 0] * found[at + 1], size[:, 1] * found[at + 2]
