@@ -127,6 +127,7 @@ def _filed(model: Any, k: int) -> dict[str, float]:
         "lower": float(low),
         "upper": float(high),
         **{kind: value if value > 0.0 else nan for kind, value in speeds.items()},
+        "jerk": inf,
         "torque": min(bounds, default=nan),
         "dry_friction": float(model.dof_frictionloss[dof]),
         "viscous_friction": float(np.ravel(model.dof_damping[dof])[0]),
