@@ -3,7 +3,8 @@
     minimise   sum_i dt_i
     such that  v_{i+1} = v_i + (u_i + u_{i+1}) dt_i / 2,   ds_i = v_i dt_i + (2 u_i + u_{i+1}) dt_i^2 / 6,
                a u + b v^2 + c <= 0 and v^2 <= x_max at every grid point,   v = u = 0 at every rest,
-               |q''' v^3 + 3 q'' v u + q' (u_{i+1} - u_i) / dt_i| <= J at both ends of every interval
+               a (u_i + u_{i+1}) / 2 + b v^2 + c <= 0 at both ends of every interval,
+               |q''' v^3 + 3 q'' v u + q' (u_{i+1} - u_i) / dt_i| <= J at both ends and in the middle of every interval
 
 It has the same solutions as `jerk`, which eliminates the times and solves it by an interior-point method of its own.
 """
@@ -20,7 +21,7 @@ from robustopt.interruption import held
 from robustopt.limits import TimeScalingProblem
 from robustopt.solvers.ipopt import OPTIONS, Stop
 from robustopt.solvers.jerk import limited_rows, pieces, slow_timing, unless_still
-from robustopt.solvers.jerk_barrier import PieceRows
+from robustopt.solvers.jerk_barrier import PLACES, PieceRows
 from robustopt.solvers.plan import Plan, Status, failed_plan, interval_times, jerk_plan
 
 METHOD = "ipopt"
@@ -77,6 +78,10 @@ def _minimise(rows: PieceRows) -> tuple[Array, Array, str, int]:
     limits = [
         rows.a[:, k] * acceleration + rows.b[:, k] * inner**2 + rows.c[:, k] for k in range(rows.a.shape[1])
     ]
+    mean = 0.5 * (acceleration[1:] + acceleration[:-1])
+    for at in (slice(None, -1), slice(1, None)):
+        squares = inner[at] ** 2
+        limits += [rows.a[at, k] * mean + rows.b[at, k] * squares + rows.c[at, k] for k in range(rows.a.shape[1])]
     limits.append(inner**2 / ca.DM(rows.x_max) - 1)
     limits += [sign * jerk - 1 for jerk in _jerks(rows, inner, acceleration, step[1:-1]) for sign in (1, -1)]
     equal, below = ca.vertcat(*equations), ca.vertcat(*limits)
@@ -98,10 +103,12 @@ def _minimise(rows: PieceRows) -> tuple[Array, Array, str, int]:
 
 
 def _jerks(rows: PieceRows, v: ca.MX, u: ca.MX, step: ca.MX) -> list[ca.MX]:
-    """Return the jerk of each joint at both ends of the intervals between points, as fractions of its limit (n - 1,)."""
+    """Return the jerk of each joint at the places of the intervals between points, relative to its limit (n - 1,)."""
     rate, found = (u[1:] - u[:-1]) / step, []
-    for k in range(rows.q1.shape[1]):
-        for end, part in ((0, slice(None, -1)), (1, slice(1, None))):
-            q1, q2, q3 = ca.DM(rows.q1[part, k]), ca.DM(rows.q2[part, k]), ca.DM(rows.q3[:, end, k])
-            found.append(q3 * v[part] ** 3 + 3 * q2 * v[part] * u[part] + q1 * rate)
+    for e, after in enumerate(PLACES):
+        v_here = ca.sqrt((1 - after) * v[:-1] ** 2 + after * v[1:] ** 2)
+        u_here = (1 - after) * u[:-1] + after * u[1:]
+        for k in range(rows.q1.shape[2]):
+            q1, q2, q3 = (ca.DM(q[:, e, k]) for q in (rows.q1, rows.q2, rows.q3))
+            found.append(q3 * v_here**3 + 3 * q2 * v_here * u_here + q1 * rate)
     return found

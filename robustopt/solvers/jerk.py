@@ -1,6 +1,7 @@
 """Jerk-limited timing: the minimum-time program in which sdd is continuous and changes at a constant rate per interval.
 
-sdd is 0 at every rest, and the rows a u + b x + c <= 0 hold at every grid point with its own u. Each piece of the path,
+sdd is 0 at every rest. The rows a u + b x + c <= 0 hold at every grid point with its own u, and at both ends of every
+interval with the mean of its u, as without jerk limits. Each piece of the path,
 from one rest to the next, is a program of its own in (x, u) = (sd^2, sdd) at its inner grid points:
 
     x' - x = (u + u') h,   h = ds + (u' - u) dt^2 / 12,   dt = 2 h / (sd + sd')
@@ -23,7 +24,7 @@ from scipy.linalg import solve_banded
 from robustopt.arrays import Array, Indices
 from robustopt.limits import TimeScalingProblem
 from robustopt.solvers.binding import JERK_INSIDE
-from robustopt.solvers.jerk_barrier import Newton, PieceRows, barrier, derivatives, durations
+from robustopt.solvers.jerk_barrier import PLACES, Newton, PieceRows, barrier, derivatives, durations
 from robustopt.solvers.plan import Plan, Status, failed_plan, interval_times, jerk_plan
 
 STEPS = 400
@@ -125,25 +126,24 @@ def limited_rows(problem: TimeScalingProblem, first: int, last: int) -> PieceRow
         first: grid point at the start.
         last: grid point at the end.
     """
-    motion, path, s = problem.limits.motion, problem.path, problem.s[first : last + 1]
-    jerk = problem.robot.limits.jerk
+    path, s, jerk = problem.path, problem.s[first : last + 1], problem.robot.limits.jerk
     chosen = np.isfinite(jerk)
-    limit = jerk[chosen]
-    q1, q2 = (values[first : last + 1][:, chosen] / limit for values in (motion.q1, motion.q2))
     ds = np.diff(s)
-    ends = np.stack([s[:-1] + JERK_INSIDE * ds, s[1:] - JERK_INSIDE * ds], axis=1)
-    piece = np.full(ends.size, problem.piece[first])
-    q3 = path.evaluate(ends.ravel(), piece, 3)[:, chosen].reshape(len(ds), 2, -1) / limit
+    inside = np.clip(PLACES, JERK_INSIDE, 1.0 - JERK_INSIDE)
+    places = s[:-1, None] + inside * ds[:, None]
+    piece = np.full(places.size, problem.piece[first])
+    q1, q2, q3 = (
+        path.evaluate(places.ravel(), piece, order)[:, chosen].reshape(*places.shape, -1) / jerk[chosen]
+        for order in (1, 2, 3)
+    )
     x_max = problem.x_max[first + 1 : last].copy()
-    for end, inner, rest in ((0, 1, 0), (-1, -2, -1)):
-        gain = np.abs(q3[end]).max(axis=0) + 2.0 * np.abs(q2[inner]) / ds[end]
-        gain += 2.0 * np.maximum(np.abs(q1[inner]), np.abs(q1[rest])) / (9.0 * ds[end] ** 2)
+    for end in (0, -1):
+        largest1, largest2, largest3 = (np.abs(values[end]).max(axis=0) for values in (q1, q2, q3))
+        gain = largest3 + 2.0 * largest2 / ds[end] + 2.0 * largest1 / (9.0 * ds[end] ** 2)
         x_max[end] = min(x_max[end], gain.max() ** (-2.0 / 3.0))
     a, b, c = (np.ascontiguousarray(rows[first + 1 : last]) for rows in (problem.a, problem.b, problem.c))
-    return PieceRows(
-        a, b, c, x_max, np.array([ds[0], ds[-1]]), ds[1:-1].copy(),
-        np.ascontiguousarray(q1[1:-1]), np.ascontiguousarray(q2[1:-1]), np.ascontiguousarray(q3[1:-1]),
-    )  # fmt: skip
+    ends, between = np.array([ds[0], ds[-1]]), ds[1:-1].copy()
+    return PieceRows(a, b, c, x_max, ends, between, *(np.ascontiguousarray(q[1:-1]) for q in (q1, q2, q3)))
 
 
 def minimise(rows: PieceRows) -> tuple[Array, Array, int]:
@@ -155,7 +155,7 @@ def minimise(rows: PieceRows) -> tuple[Array, Array, int]:
     x, u = slow_timing(rows)
     n = len(x)
     newton = Newton(np.zeros((n, 2)), np.zeros((n, 3)), np.zeros((n - 1, 2, 2)))
-    slacks = rows.a.size + n + 2 * rows.q3.size
+    slacks = 3 * rows.a.size + n + 2 * rows.q3.size
     h, reach = _measures(rows, x, u)
     weight, steps = slacks / (FIRST_GAP * float(durations(rows, h, x).sum())), 0
     while steps < STEPS:
@@ -180,11 +180,12 @@ def minimise(rows: PieceRows) -> tuple[Array, Array, int]:
 
 
 def _measures(rows: PieceRows, x: Array, u: Array) -> tuple[Array, Array]:
-    """Return h of the intervals between points (n - 1,), and r at both of their ends (n - 1, 2)."""
+    """Return h of the intervals between points (n - 1,), and r at their places (n - 1, 3)."""
     speed = np.sqrt(x)
     mean = 0.5 * (speed[:-1] + speed[1:])
     dt = interval_times(rows.ds, mean, np.diff(u))
-    return mean * dt, np.stack([speed[:-1] * dt, speed[1:] * dt], axis=1)
+    middle = np.sqrt(0.5 * (x[:-1] + x[1:]))
+    return mean * dt, np.stack([speed[:-1] * dt, middle * dt, speed[1:] * dt], axis=1)
 
 
 def _consistent(rows: PieceRows, x: Array, u: Array, most: float) -> tuple[Array, Array, Array, Array]:

@@ -9,10 +9,12 @@ and h differs little from the length ds. On the first interval the rate is const
 The slacks of the program are
 
     -(a u + b x + c)                                   for each row of a point,
+    -(a (u + u') / 2 + b x + c)                        for each row at both ends of each interval, with its mean sdd,
     1 - x / x_max                                      for each point,
-    dt -+ ((q''' x + 3 q'' u) r + q' (u' - u)) / J     for each joint at both ends of each interval, r = sqrt(x) dt,
+    dt -+ ((q''' x + 3 q'' u) r + q' (u' - u)) / J     for each joint at both ends and in the middle of each interval,
+                                                      with r = sqrt(x) dt.
 
-the last one being the jerk of a joint times dt, with the limit J. While the barrier of a given weight is minimised, h
+The rows of the mean keep u from alternating about a point at which a limit does not depend on u; the last slack is the jerk of a joint times dt, with the limit J. While the barrier of a given weight is minimised, h
 and r are constants; r hardly changes if a timing becomes faster or slower as a whole. Then the only curved term of a
 jerk row is dt, which is convex in (x, x'): its tangent lies below it, so the Newton matrix leaves its curvature out and
 stays positive definite.
@@ -28,6 +30,10 @@ from robustopt.arrays import Array
 from robustopt.compiled import compiled
 
 
+PLACES = (0.0, 0.5, 1.0)
+"""Places within an interval at which jerk is limited; x and u are interpolated there."""
+
+
 class PieceRows(NamedTuple):
     """Rows of the program on one piece, with n points between the rests and k joints that have a jerk limit.
 
@@ -36,8 +42,7 @@ class PieceRows(NamedTuple):
         x_max: largest x (n,).
         ends: lengths of the first and of the last interval (2,).
         ds: lengths of the other intervals (n - 1,).
-        q1, q2: q' / J and q'' / J at the points (n, k).
-        q3: q''' / J at both ends of the intervals between the points (n - 1, 2, k).
+        q1, q2, q3: q', q'' and q''' / J at the places `PLACES` of the intervals between the points (n - 1, 3, k).
     """
 
     a: Array
@@ -89,7 +94,7 @@ def barrier(rows, h, reach, x, u, weight):
     Args:
         rows: the rows.
         h: mean length of each interval between points (n - 1,).
-        reach: r at both ends of these intervals (n - 1, 2).
+        reach: r at the places of these intervals (n - 1, 3).
         x: sd^2 at the points (n,).
         u: sdd at the points (n,).
         weight: weight of the duration.
@@ -113,11 +118,20 @@ def barrier(rows, h, reach, x, u, weight):
             return np.inf
         value -= np.log(slack)
     for i in range(n - 1):
+        mean = 0.5 * (u[i] + u[i + 1])
         for e in range(2):
-            for k in range(rows.q1.shape[1]):
-                p = i + e
-                jerk = (rows.q3[i, e, k] * x[p] + 3.0 * rows.q2[p, k] * u[p]) * reach[i, e]
-                jerk += rows.q1[p, k] * (u[i + 1] - u[i])
+            p = i + e
+            for k in range(rows.a.shape[1]):
+                slack = -(rows.a[p, k] * mean + rows.b[p, k] * x[p] + rows.c[p, k])
+                if not slack > 0.0:
+                    return np.inf
+                value -= np.log(slack)
+        for e in range(3):
+            part = PLACES[e]
+            x_here, u_here = (1.0 - part) * x[i] + part * x[i + 1], (1.0 - part) * u[i] + part * u[i + 1]
+            for k in range(rows.q1.shape[2]):
+                jerk = (rows.q3[i, e, k] * x_here + 3.0 * rows.q2[i, e, k] * u_here) * reach[i, e]
+                jerk += rows.q1[i, e, k] * (u[i + 1] - u[i])
                 if not dt[i + 1] > abs(jerk):
                     return np.inf
                 value -= np.log(dt[i + 1] - jerk) + np.log(dt[i + 1] + jerk)
@@ -131,7 +145,7 @@ def derivatives(rows, h, reach, x, u, weight, out):
     Args:
         rows: the rows.
         h: mean length of each interval between points (n - 1,).
-        reach: r at both ends of these intervals (n - 1, 2).
+        reach: r at the places of these intervals (n - 1, 3).
         x: sd^2 at the points (n,).
         u: sdd at the points (n,).
         weight: weight of the duration.
@@ -189,18 +203,32 @@ def _of_interval(rows, i, reach, x, u, weight, dt, g, H):
     H[0, 0] = weight * 0.5 * fall / p * (2.0 / (p + q) + 1.0 / p)
     H[2, 2] = weight * 0.5 * fall_after / q * (2.0 / (p + q) + 1.0 / q)
     H[0, 2] = weight * fall / (p + q) / q
-    row = np.empty(4)
+    row, mean = np.empty(4), 0.5 * (u[i] + u[i + 1])
     for e in range(2):
         at = i + e
-        for k in range(rows.q1.shape[1]):
-            per_x, per_u = rows.q3[i, e, k] * reach[i, e], 3.0 * rows.q2[at, k] * reach[i, e]
-            change = rows.q1[at, k]
-            jerk = per_x * x[at] + per_u * u[at] + change * (u[i + 1] - u[i])
+        for k in range(rows.a.shape[1]):
+            half, b = 0.5 * rows.a[at, k], rows.b[at, k]
+            w = -1.0 / (2.0 * half * mean + b * x[at] + rows.c[at, k])
+            g[1] += w * half
+            g[2 * e] += w * b
+            g[3] += w * half
+            H[1, 1] += w * w * half * half
+            H[1, 3] += w * w * half * half
+            H[3, 3] += w * w * half * half
+            H[2 * e, 2 * e] += w * w * b * b
+            H[min(1, 2 * e), max(1, 2 * e)] += w * w * half * b
+            H[2 * e, 3] += w * w * half * b
+    for e in range(3):
+        before, after = 1.0 - PLACES[e], PLACES[e]
+        for k in range(rows.q1.shape[2]):
+            per_x, per_u = rows.q3[i, e, k] * reach[i, e], 3.0 * rows.q2[i, e, k] * reach[i, e]
+            change = rows.q1[i, e, k]
+            jerk = per_x * (before * x[i] + after * x[i + 1]) + per_u * (before * u[i] + after * u[i + 1])
+            jerk += change * (u[i + 1] - u[i])
             for sign in (1.0, -1.0):
                 w = 1.0 / (dt - sign * jerk)
-                row[0], row[1], row[2], row[3] = fall, -sign * change, fall_after, sign * change
-                row[2 * e] += sign * per_x
-                row[2 * e + 1] += sign * per_u
+                row[0], row[1] = fall + sign * before * per_x, sign * (before * per_u - change)
+                row[2], row[3] = fall_after + sign * after * per_x, sign * (after * per_u + change)
                 for j in range(4):
                     g[j] += w * row[j]
                     for m in range(j, 4):

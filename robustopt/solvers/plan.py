@@ -198,12 +198,17 @@ def interval_times(ds: Array, mean: Array, change: Array) -> Array:
 def interval_ends(plan: Plan) -> tuple[Array, Array, Indices]:
     """Return u, x and the grid point at both ends of every interval that has a length, (M,) each.
 
+    If u changes on the intervals, the mean of each is there at both of its ends too.
+
     Args:
         plan: a plan with a timing.
     """
     moving = np.flatnonzero(plan.problem.ds > 0)
-    points = np.r_[moving, moving + 1]
-    return np.r_[plan.u[moving], plan.u_end[moving]], plan.x[points], points
+    points, u, u_end = np.r_[moving, moving + 1], plan.u[moving], plan.u_end[moving]
+    if plan.steady:
+        return np.r_[u, u], plan.x[points], points
+    mean = 0.5 * (u + u_end)
+    return np.r_[u, u_end, mean, mean], np.r_[plan.x[points], plan.x[points]], np.r_[points, points]
 
 
 def solved_plan(problem: TimeScalingProblem, x: Array, method: str, statistics: Mapping[str, float]) -> Plan:
