@@ -15,6 +15,7 @@ import time
 
 import casadi as ca
 import numpy as np
+from scipy import sparse
 
 from robustopt.arrays import Array
 from robustopt.interruption import held
@@ -75,14 +76,14 @@ def _minimise(rows: PieceRows) -> tuple[Array, Array, str, int]:
         (v[1:] - v[:-1] - 0.5 * (w[1:] + w[:-1]) * step) / ca.DM(np.maximum(speed[1:], speed[:-1])),
         (v[:-1] * step + (2 * w[:-1] + w[1:]) * step**2 / 6 - ca.DM(ds)) / ca.DM(ds),
     ]
+    mean, first, last = 0.5 * (acceleration[1:] + acceleration[:-1]), slice(None, -1), slice(1, None)
+    squares = inner**2
     limits = [
-        rows.a[:, k] * acceleration + rows.b[:, k] * inner**2 + rows.c[:, k] for k in range(rows.a.shape[1])
+        _rows(rows, slice(None), acceleration, squares),
+        _rows(rows, first, mean, squares[first]),
+        _rows(rows, last, mean, squares[last]),
     ]
-    mean = 0.5 * (acceleration[1:] + acceleration[:-1])
-    for at in (slice(None, -1), slice(1, None)):
-        squares = inner[at] ** 2
-        limits += [rows.a[at, k] * mean + rows.b[at, k] * squares + rows.c[at, k] for k in range(rows.a.shape[1])]
-    limits.append(inner**2 / ca.DM(rows.x_max) - 1)
+    limits.append(squares / ca.DM(rows.x_max) - 1)
     limits += [sign * jerk - 1 for jerk in _jerks(rows, inner, acceleration, step[1:-1]) for sign in (1, -1)]
     equal, below = ca.vertcat(*equations), ca.vertcat(*limits)
     count = equal.numel() + below.numel()
@@ -92,7 +93,7 @@ def _minimise(rows: PieceRows) -> tuple[Array, Array, str, int]:
     options = {name: value for name, value in OPTIONS.items() if name != "ipopt.jac_d_constant"}
     with held() as interruptions:
         stop = Stop(len(sizes), count, interruptions)
-        solver = ca.nlpsol("outer", "ipopt", program, {**options, "iteration_callback": stop})
+        solver = ca.nlpsol("outer", "ipopt", program, {**options, "expand": True, "iteration_callback": stop})
         lowest = np.concatenate([np.zeros(equal.numel()), np.full(below.numel(), -np.inf)])
         answer = solver(x0=start, lbx=low, lbg=lowest, ubg=0.0)
     if interruptions:  # the user's handler let the work go on
@@ -100,6 +101,15 @@ def _minimise(rows: PieceRows) -> tuple[Array, Array, str, int]:
     found = sizes * np.array(answer["x"]).ravel()
     stats = solver.stats()
     return found[:n], found[n : 2 * n], str(stats["return_status"]), int(stats["iter_count"])
+
+
+def _rows(rows: PieceRows, points: slice, u: ca.MX, x: ca.MX) -> ca.MX:
+    """Return a u + b x + c of the rows of some points that depend on u or x, for values (u, x) at these points."""
+    a, b, c = rows.a[points], rows.b[points], rows.c[points]
+    at, k = np.nonzero((a != 0.0) | (b != 0.0))
+    shape = len(at), len(a)
+    of_u, of_x = (sparse.csc_matrix((values[at, k], (np.arange(len(at)), at)), shape) for values in (a, b))
+    return ca.DM(of_u) @ u + ca.DM(of_x) @ x + ca.DM(c[at, k])
 
 
 def _jerks(rows: PieceRows, v: ca.MX, u: ca.MX, step: ca.MX) -> list[ca.MX]:

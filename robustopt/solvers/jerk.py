@@ -30,7 +30,7 @@ from robustopt.solvers.plan import Plan, Status, failed_plan, interval_times, je
 STEPS = 400
 """Largest number of Newton steps on a piece; about sixty are usual."""
 
-FIRST_GAP, ACCURACY, SHARPEN = 0.5, 1e-6, 20.0
+FIRST_GAP, ACCURACY, SHARPEN = 0.5, 1e-5, 20.0
 """First and last gap, as fractions of the duration, and the factor by which the weight grows in between."""
 
 CENTRED = 1e-2
@@ -39,8 +39,12 @@ CENTRED = 1e-2
 USED = 0.5
 """Part of each limit that the timing at the start uses."""
 
-SHORTEST_STEP = 1e-10
-"""Length of a Newton step below which the centre is as good as rounding errors allow."""
+SHORTEST_STEP, MOST_RESIDUAL = 1e-10, 1e-5
+"""Length of a Newton step below which, and residual of the equations of the intervals above which, rounding errors
+prevail: the last centre is the result."""
+
+MOST_GAP = 1e-3
+"""Gap, as a fraction of the duration, above which a result is no solution."""
 
 BAND = 4
 """Number of diagonals of the Newton matrix above, and below, the main one."""
@@ -69,18 +73,18 @@ def solve_jerk(problem: TimeScalingProblem) -> Plan:
         problem: the problem; the robot can stand still at its rests.
     """
     began = time.perf_counter()
-    x, u, steps = np.zeros(len(problem.s)), np.zeros(len(problem.s)), 0
+    x, u, steps, gap = np.zeros(len(problem.s)), np.zeros(len(problem.s)), 0, 0.0
 
     def figures() -> dict[str, float]:
-        return {"solver_seconds": time.perf_counter() - began, "newton_steps": float(steps)}
+        return {"solver_seconds": time.perf_counter() - began, "newton_steps": float(steps), "optimality_gap": gap}
 
     refused = unless_still(problem, METHOD)
     if refused is not None:
         return refused
     for first, last in pieces(problem):
-        x[first + 1 : last], u[first + 1 : last], taken = minimise(limited_rows(problem, first, last))
-        steps += taken
-        if taken >= STEPS:
+        x[first + 1 : last], u[first + 1 : last], taken, left = minimise(limited_rows(problem, first, last))
+        steps, gap = steps + taken, max(gap, left)
+        if gap > MOST_GAP:
             status = Status.ITERATION_LIMIT
             return failed_plan(problem, status, METHOD, status.sentence, -1, figures())
     return jerk_plan(problem, x, u, METHOD, figures())
@@ -146,11 +150,14 @@ def limited_rows(problem: TimeScalingProblem, first: int, last: int) -> PieceRow
     return PieceRows(a, b, c, x_max, ends, between, *(np.ascontiguousarray(q[1:-1]) for q in (q1, q2, q3)))
 
 
-def minimise(rows: PieceRows) -> tuple[Array, Array, int]:
-    """Return the timing of a piece of least duration: x and u at its inner points (n,), and the number of Newton steps.
+def minimise(rows: PieceRows) -> tuple[Array, Array, int, float]:
+    """Return the timing of a piece of least duration, and how it was found.
 
     Args:
         rows: the rows; x = u = 0 satisfies them with some slack.
+
+    Returns:
+        x and u at the inner points (n,), the number of Newton steps, and the gap as a fraction of the duration.
     """
     x, u = slow_timing(rows)
     n = len(x)
@@ -158,7 +165,8 @@ def minimise(rows: PieceRows) -> tuple[Array, Array, int]:
     slacks = 3 * rows.a.size + n + 2 * rows.q3.size
     h, reach = _measures(rows, x, u)
     weight, steps = slacks / (FIRST_GAP * float(durations(rows, h, x).sum())), 0
-    while steps < STEPS:
+    centre, gap = (x, u), np.inf
+    while steps < STEPS and gap > ACCURACY:
         duration = derivatives(rows, h, reach, x, u, weight, newton)
         dx, du = _step(rows, h, x, u, newton)
         steps += 1
@@ -170,13 +178,14 @@ def minimise(rows: PieceRows) -> tuple[Array, Array, int]:
                 x, u = x + size * dx, u + size * du
                 break
             size *= 0.5
-        if decrement < CENTRED or size <= SHORTEST_STEP:
-            if slacks / weight <= ACCURACY * duration:
-                break
-            weight *= SHARPEN
+        if size <= SHORTEST_STEP or (gap < MOST_GAP and np.abs(_residual(rows, h, x, u)).max() > MOST_RESIDUAL):
+            break  # rounding errors leave nothing to gain
+        if abs(decrement) < CENTRED:
             x, u, h, reach = _consistent(rows, x, u, barrier(rows, h, reach, x, u, 0.0) + ROOM)
-    x, u, _, _ = _consistent(rows, x, u, np.finfo(float).max)
-    return x, u, steps
+            centre, gap = (x, u), slacks / (weight * duration)
+            weight *= SHARPEN
+    x, u, _, _ = _consistent(rows, *centre, np.finfo(float).max)
+    return x, u, steps, gap
 
 
 def _measures(rows: PieceRows, x: Array, u: Array) -> tuple[Array, Array]:
