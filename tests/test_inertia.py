@@ -198,7 +198,7 @@ class Oracle:
 def oracles(plan: Plan, draws: int, rng: np.random.Generator) -> Iterator[Oracle]:
     """The rows of every contact at both ends of every interval, with random ends of the acceleration errors."""
     problem = plan.problem
-    u, x, points = interval_ends(problem, plan.x, plan.u)
+    u, x, points = interval_ends(plan)
     error = mechanics.nominal(problem).error
     given = problem.config.uncertainty.joint_acceleration
     radius = np.zeros(problem.robot.n) if given is None else given.K * np.broadcast_to(given.deviation, len(error))

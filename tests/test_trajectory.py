@@ -52,7 +52,7 @@ def make_plan(s, x, path, piece=None, active=None):
     robot = SimpleNamespace(joint_names=tuple(f"joint{k + 1}" for k in range(n)), n=n)
     active = tuple(() for _ in u) if active is None else active
     problem = SimpleNamespace(path=path, robot=robot)
-    return SimpleNamespace(s=s, x=x, u=u, piece=piece, active=active, message="", problem=problem)
+    return SimpleNamespace(s=s, x=x, u=u, piece=piece, active=active, message="", problem=problem, steady=True)
 
 
 def bang_bang_plan(acceleration=4.0, intervals=10):

@@ -109,7 +109,7 @@ def interval_times(plan: Plan) -> Array:
         if plan.steady:
             return np.where(ds > 0.0, 2.0 * ds / both, 0.0)
         # ds = both dt / 2 - (u' - u) dt^2 / 12: the smaller root, in the form that does not cancel
-        part = np.maximum(0.25 * both**2 - (plan.u_end - plan.u) * ds / 3.0, 0.0)
+        part = np.maximum(0.25 * both**2 - plan.change * ds / 3.0, 0.0)
         return np.where(ds > 0.0, 2.0 * ds / (0.5 * both + np.sqrt(part)), 0.0)
 
 
@@ -128,7 +128,7 @@ def _cubic(
 ) -> tuple[Array, Array, Array, Array, Array]:
     """Return s, x, u, time since the start of the interval and sddd at shares of the times of intervals (T,)."""
     tau, u = share * duration[interval], plan.u[interval]
-    rate = (plan.u_end[interval] - u) / duration[interval]
+    rate = plan.change[interval] / duration[interval]
     s = plan.s[interval] + tau * (root[interval] + tau * (u / 2.0 + tau * rate / 6.0))
     speed = root[interval] + tau * (u + tau * rate / 2.0)
     return s, speed**2, u + tau * rate, tau, rate

@@ -20,9 +20,9 @@ CROWDED = 0.4
 """A grid point that is nearer to a kink than this part of the spacing gives way to it."""
 
 
-FINER, SHORTEST_INTERVAL = 0.6, 1e-4
-"""Ratio of neighbouring distances from rest where jerk is limited, and the shortest one as a part of the spacing: sdd
-rises like the cube root of s there, and the loss is 0.003 to 0.1 % of the duration (measured on one axis)."""
+FINER, FIRST_INTERVAL = 0.6, (1e-4, 2e-2)
+"""Ratio of neighbouring distances from rest where jerk is limited, and bounds of the first one as a part of the spacing:
+sdd rises like the cube root of s there, and the loss is 0.003 to 0.1 % of the duration (measured on one axis)."""
 
 
 @dataclass(frozen=True)
@@ -90,14 +90,15 @@ def with_fine_rests(grid: Grid, first: Array) -> Grid:
 
     Args:
         grid: the grid.
-        first: length of the first and of the last interval of each piece that is wanted (pieces, 2).
+        first: length of the first and of the last interval of each piece that is wanted, within FIRST_INTERVAL
+            (pieces, 2).
     """
     s, piece = [grid.s], [grid.piece]
     for k, wanted in enumerate(first):
         own = grid.s[grid.piece == k]
         for end, sign, spacing in ((own[0], 1.0, own[1] - own[0]), (own[-1], -1.0, own[-1] - own[-2])):
-            length = max(wanted[0 if sign > 0 else 1], SHORTEST_INTERVAL * spacing)
-            count = int(np.ceil(np.log(max(spacing / length, 1.0)) / -np.log(FINER)))
+            part = np.clip(wanted[0 if sign > 0 else 1] / spacing, *FIRST_INTERVAL)
+            count = int(np.ceil(np.log(part) / np.log(FINER)))
             s.append(end + sign * spacing * FINER ** np.arange(1, count + 1))
             piece.append(np.full(count, k))
     every, pieces = np.concatenate(s), np.concatenate(piece)

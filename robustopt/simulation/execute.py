@@ -203,11 +203,8 @@ def faster(plan: Plan, speed: float) -> Plan:
         speed: factor on its speed.
     """
     x = (speed * np.sqrt(np.maximum(plan.x, 0.0))) ** 2
-    if plan.steady:
-        u = u_end = controls_of(plan.problem.ds, x)
-    else:
-        u, u_end = speed**2 * plan.u, speed**2 * plan.u_end
-    return replace(plan, x=x, u=u, u_end=u_end, duration=plan.duration / speed)
+    u = controls_of(plan.problem.ds, x) if plan.steady else speed**2 * plan.u
+    return replace(plan, x=x, u=u, change=speed**2 * plan.change, duration=plan.duration / speed)
 
 
 def _require_usable(trajectory: Trajectory, execution: ExecutionConfig) -> None:

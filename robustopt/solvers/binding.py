@@ -62,7 +62,7 @@ def joint_jerk(plan: Plan) -> Array:
     problem, s = plan.problem, plan.s
     motion, ds, steps = problem.limits.motion, problem.ds, plan.steps
     speed = np.sqrt(plan.x)
-    change = np.divide(plan.u_end - plan.u, steps, out=np.zeros_like(steps), where=steps > 0.0)
+    change = np.divide(plan.change, steps, out=np.zeros_like(steps), where=steps > 0.0)
     jerk = np.zeros((2, len(ds), problem.robot.n))
     for end, u in ((0, plan.u), (1, plan.u_end)):
         at = slice(end, len(s) - 1 + end)

@@ -92,7 +92,7 @@ def _for_jerk(grid: Grid, robot: Robot, path: Path) -> Grid:
 
     A joint with acceleration and jerk limits A and J moves by A^3 / (6 J^2) until it reaches A from rest. The first
     interval is a part FIRST_PART of this distance, with the limits of the path coordinate; without an acceleration
-    limit it is as short as `with_fine_rests` allows.
+    limit it is as short as `with_fine_rests` allows. Other limits may make the distance shorter, which matters little.
     """
     jerk, acceleration = robot.limits.jerk, robot.limits.acceleration
     if not np.isfinite(jerk).any():

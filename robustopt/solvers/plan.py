@@ -69,8 +69,7 @@ class Plan:
         piece: piece of the path that each grid point belongs to (P,).
         x: sd^2 at the grid points (P,) [1/s^2]; empty without a timing.
         u: sdd at the start of each interval (P - 1,) [1/s^2], 0 on intervals without length; empty without a timing.
-        u_end: sdd at the end of each interval (P - 1,) [1/s^2]: with jerk limits sdd changes at a constant rate on an
-            interval, without them it is constant, and `u_end` is `u`.
+        change: change of sdd on each interval, at a constant rate in time (P - 1,) [1/s^2]; 0 without jerk limits.
         duration: sum over the intervals [s]; infinite without a timing.
         problem: the problem with all rows that the solver has found.
         statistics: figures of the solution process by name.
@@ -84,7 +83,7 @@ class Plan:
     piece: Indices
     x: Array
     u: Array
-    u_end: Array
+    change: Array
     duration: float
     problem: TimeScalingProblem = field(repr=False)
     statistics: Mapping[str, float]
@@ -98,7 +97,12 @@ class Plan:
     @property
     def steady(self) -> bool:
         """Return whether sdd is constant on each interval, as in plans without jerk limits."""
-        return np.array_equal(self.u, self.u_end)
+        return not self.change.any()
+
+    @property
+    def u_end(self) -> Array:
+        """Return sdd at the end of each interval (P - 1,) [1/s^2]."""
+        return self.u + self.change
 
     @cached_property
     def steps(self) -> Array:
@@ -107,7 +111,7 @@ class Plan:
         mean = 0.5 * (speed[:-1] + speed[1:])
         steps = np.zeros(len(ds))
         moving = ds > 0.0
-        steps[moving] = interval_times(ds[moving], mean[moving], (self.u_end - self.u)[moving])
+        steps[moving] = interval_times(ds[moving], mean[moving], self.change[moving])
         return steps
 
     def export(self, folder: FilePath | str, period: float | None = None) -> list[FilePath]:
@@ -237,10 +241,11 @@ def timed_plan(
         method: name of the solver.
         statistics: figures of the solution process by name.
     """
-    for array in (x, u):
+    change = np.zeros_like(u)
+    for array in (x, u, change):
         array.flags.writeable = False
     message = outcome(Status.SOLVED, problem)
-    return Plan(Status.SOLVED, message, method, problem.s, problem.piece, x, u, u, duration, problem, statistics)
+    return Plan(Status.SOLVED, message, method, problem.s, problem.piece, x, u, change, duration, problem, statistics)
 
 
 def jerk_plan(
@@ -256,11 +261,11 @@ def jerk_plan(
         statistics: figures of the solution process by name.
     """
     moving = problem.ds > 0.0
-    u, u_end = np.where(moving, sdd[:-1], 0.0), np.where(moving, sdd[1:], 0.0)
-    for array in (x, u, u_end):
+    u, change = np.where(moving, sdd[:-1], 0.0), np.where(moving, np.diff(sdd), 0.0)
+    for array in (x, u, change):
         array.flags.writeable = False
     message = outcome(Status.SOLVED, problem)
-    plan = Plan(Status.SOLVED, message, method, problem.s, problem.piece, x, u, u_end, np.inf, problem, statistics)
+    plan = Plan(Status.SOLVED, message, method, problem.s, problem.piece, x, u, change, np.inf, problem, statistics)
     return replace(plan, duration=float(plan.steps.sum()))
 
 

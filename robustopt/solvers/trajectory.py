@@ -106,8 +106,7 @@ class Trajectory:
             sdd, sddd = np.divide(np.diff(sd), steps, out=np.zeros_like(steps), where=steps > 0), np.zeros_like(steps)
         else:
             steps, sdd = plan.steps / speed, plan.u * speed**2
-            change = (plan.u_end - plan.u) * speed**2
-            sddd = np.divide(change, steps, out=np.zeros_like(steps), where=steps > 0)
+            sddd = np.divide(plan.change * speed**2, steps, out=np.zeros_like(steps), where=steps > 0)
         times = np.concatenate([[0.0], np.cumsum(steps)])
         arrays = (times, s.copy(), sd, sdd, sddd, np.array(plan.piece, dtype=np.intp))
         for array in arrays:
