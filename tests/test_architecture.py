@@ -29,6 +29,8 @@ LAYERS = [
     ["config/load"],
     ["config", "config/schema"],
     ["robot/urdf_check", "robot/model_check"],
+    ["robot/inertia", "robot/meshes"],
+    ["robot/urdf_inertia"],
     ["robot/urdf", "robot/model_parts"],
     ["robot/model_file"],
     ["robot/locking", "robot/soles", "robot/hands", "robot/floating_base"],

@@ -10,8 +10,9 @@ import hashlib
 import os
 import site
 import sys
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
 
@@ -23,6 +24,8 @@ from robustopt.config.document import shortened
 from robustopt.errors import RobotError
 from robustopt.files import read_bytes
 from robustopt.models import MODELS
+from robustopt.robot.inertia import Inertia
+from robustopt.robot.meshes import convert_text, leave_out_unusable, take_any_volume
 from robustopt.robot.model_check import check_model
 from robustopt.robot.model_parts import parts_of
 from robustopt.robot.urdf import UrdfLimits, is_urdf, read_urdf
@@ -113,7 +116,24 @@ def model_hash(file: Path) -> str:
     return digest.hexdigest()
 
 
-def read_model(file: Path) -> tuple[mujoco.MjSpec, UrdfLimits, tuple[str, ...]]:
+@dataclass(frozen=True, eq=False)
+class Content:
+    """The content of a model file.
+
+    Attributes:
+        spec: the specification.
+        limits: limits of a URDF file that MuJoCo does not keep.
+        inertias: inertias as written that MuJoCo does not take, by name of the body.
+        notes: content that was left out or replaced, in words.
+    """
+
+    spec: mujoco.MjSpec
+    limits: UrdfLimits
+    inertias: Mapping[str, Inertia]
+    notes: tuple[str, ...]
+
+
+def read_model(file: Path, locked: Collection[str] = ()) -> Content:
     """Read a model file.
 
     Joints, bodies and tendons without a name get one. Options, flags and compiler settings of the file that apply to a
@@ -121,29 +141,30 @@ def read_model(file: Path) -> tuple[mujoco.MjSpec, UrdfLimits, tuple[str, ...]]:
 
     Args:
         file: the model file.
-
-    Returns:
-        The specification, the URDF limits that MuJoCo does not keep, and notes on content that was left out.
+        locked: names of joints that do not move.
 
     Raises:
         RobotError: MuJoCo cannot read the file or one that it names, or its joints and links have impossible numbers.
     """
-    limits = UrdfLimits()
-    notes: tuple[str, ...] = ()
+    urdf = None
     parts_of(file, resolve_package)
     with _refused(f"{file}: not a model that MuJoCo can read"):
         if is_urdf(file):
-            text, limits, notes = read_urdf(file, resolve_package)
-            spec = mujoco.MjSpec.from_string(text)
+            urdf = read_urdf(file, resolve_package, locked)
+            spec = mujoco.MjSpec.from_string(urdf.text)
+            take_any_volume(spec)
         else:
             spec = mujoco.MjSpec.from_file(str(file))
+        converted = convert_text(spec)
     spec.compiler.fusestatic = spec.compiler.alignfree = False
     spec.option.disableflags = spec.option.enableflags = 0
     spec.option.density = spec.option.viscosity = 0.0
     _name_all(spec)
     check_model(spec, str(file))
     _keep_masses(spec, file)
-    return spec, limits, notes
+    if urdf is None:
+        return Content(spec, UrdfLimits(), {}, converted)
+    return Content(spec, urdf.limits, urdf.inertias, (*urdf.notes, *converted))
 
 
 def compile_spec(spec: mujoco.MjSpec, file: Path) -> mujoco.MjModel:
@@ -158,6 +179,28 @@ def compile_spec(spec: mujoco.MjSpec, file: Path) -> mujoco.MjModel:
     """
     with _refused(f"{file}: MuJoCo cannot use the model"):
         return spec.compile()
+
+
+def compile_usable(spec: mujoco.MjSpec, file: Path) -> tuple[mujoco.MjModel, tuple[str, ...]]:
+    """Compile a specification, without the meshes that MuJoCo cannot use.
+
+    Args:
+        spec: the specification; the shapes of these meshes are taken out of it.
+        file: its model file, for messages.
+
+    Returns:
+        The model, and a note on each link that lost a shape.
+
+    Raises:
+        RobotError: MuJoCo rejects the model for another reason, or a mass depends on these shapes.
+    """
+    try:
+        return compile_spec(spec, file), ()
+    except RobotError:
+        notes = leave_out_unusable(spec)
+        if not notes:
+            raise
+        return compile_spec(spec, file), notes
 
 
 def joint_names(model: mujoco.MjModel) -> tuple[str, ...]:
