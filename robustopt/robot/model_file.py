@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import site
-import sys
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -28,6 +26,7 @@ from robustopt.robot.inertia import Inertia
 from robustopt.robot.meshes import convert_text, leave_out_unusable, take_any_volume
 from robustopt.robot.model_check import check_model
 from robustopt.robot.model_parts import parts_of
+from robustopt.robot.sources import SOURCES, resolve_package, share_folders, source_file
 from robustopt.robot.urdf import UrdfLimits, is_urdf, read_urdf
 
 USUAL = mujoco.MjSpec()
@@ -43,36 +42,12 @@ def shipped_models() -> tuple[str, ...]:
     return tuple(sorted(file.stem for file in MODELS.glob("*.xml")))
 
 
-def share_folders() -> tuple[Path, ...]:
-    """Return the folders in which `package://NAME/...` is looked up as `NAME/...`.
-
-    ROS and pip packages install robot descriptions there: the folders of the environment variables ROS_PACKAGE_PATH,
-    AMENT_PREFIX_PATH and CMAKE_PREFIX_PATH, then the share folders of this Python.
-    """
-    folders = [Path(entry) for entry in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if entry]
-    for variable in ("AMENT_PREFIX_PATH", "CMAKE_PREFIX_PATH"):
-        folders += [Path(entry) / "share" for entry in os.environ.get(variable, "").split(os.pathsep) if entry]
-    for packages in [*site.getsitepackages(), site.getusersitepackages()]:
-        folders.append(Path(packages) / "cmeel.prefix" / "share")
-    return (*folders, Path(sys.prefix) / "share")
-
-
-def resolve_package(uri: str) -> Path | None:
-    """Return the file of a package URI, or None if no share folder has it.
-
-    Args:
-        uri: the URI, `package://NAME/...`.
-    """
-    relative = uri.removeprefix("package://")
-    return next((folder / relative for folder in share_folders() if os.path.isfile(folder / relative)), None)
-
-
 def model_file(config: Config) -> Path:
     """Return the file that `robot.model` names.
 
     Args:
-        config: the configuration; `robot.model` is a shipped robot, a package file, or a path relative to the
-            configuration.
+        config: the configuration; `robot.model` is a shipped robot, a robot of a source, a package file, or a path
+            relative to the configuration.
 
     Raises:
         RobotError: there is no such robot or file.
@@ -80,6 +55,9 @@ def model_file(config: Config) -> Path:
     name = config.robot.model
     if name in shipped_models():
         return MODELS / f"{name}.xml"
+    source, _, robot = name.partition(":")
+    if source in SOURCES:
+        return source_file(source, robot)
     if name.startswith("package://"):
         file = resolve_package(name)
         if file is None:
@@ -93,7 +71,8 @@ def model_file(config: Config) -> Path:
     if Path(name).suffix.lower() in {".xml", ".mjcf", ".urdf"}:
         raise RobotError(f"there is no file {file}; the shipped robots are: {shipped}", key="robot.model")
     raise RobotError(
-        f"unknown robot {shortened(repr(name))}; give a shipped robot ({shipped}) or an MJCF or URDF file",
+        f"unknown robot {shortened(repr(name))}; give a shipped robot ({shipped}), an MJCF or URDF file, or a robot of "
+        f"`robustopt robots`",
         key="robot.model",
     )
 
