@@ -5,7 +5,12 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from robustopt.arrays import Array
 from robustopt.config import Config
+from robustopt.robot import Robot, load_robot
 from robustopt.robot.model_file import share_folders
 
 LEAST_JOINTS = 4
@@ -91,3 +96,47 @@ def files() -> dict[str, Joints]:
     place = folder()
     found = {} if place is None else {file.stem: Joints(file) for file in sorted(place.rglob("*.urdf"))}
     return {name: joints for name, joints in found.items() if len(joints.longest()) >= LEAST_JOINTS}
+
+
+REACH = 0.3
+"""Sum of the motions of all joints to either side of the middle of the path [rad or m]."""
+LOAD = 0.3
+"""Mass of the tray and the box [kg]."""
+MARGIN = 0.9
+"""Part of the torque limits that standing still may take."""
+POSTURES = 300
+"""Number of postures that are tried."""
+
+
+def tray_task(joints: Joints) -> Config | None:
+    """A short joint path with a tray that is level in its middle, and a box on it; None if no posture can be held."""
+    moving = joints.longest(independent=True)
+    robot = load_robot(joints.config(moving))
+    low, high = np.clip(robot.limits.lower, -np.pi, np.pi), np.clip(robot.limits.upper, -np.pi, np.pi)
+    step = np.minimum(REACH / robot.n, 0.2 * (high - low))
+    rng = np.random.default_rng(0)
+    for k in range(POSTURES):
+        part = 0.5 if k == 0 else rng.uniform(0.25, 0.75, robot.n)
+        middle = low + part * (high - low)
+        path = middle + np.array([[-1.0], [1.0]]) * step
+        if not _stands(robot, np.linspace(*path, 5)):
+            continue
+        axes = Rotation.from_matrix(robot.carrier_jacobian(middle)[1]).inv()
+        pose = {"position": axes.apply([0.0, 0.0, 0.05]).tolist(), "rpy": axes.as_euler("xyz").tolist()}
+        return joints.config(
+            moving,
+            tray={"size": (0.2, 0.2, 0.01), "mass": 0.1, "pose": pose},
+            objects={"box": {"shape": "box", "size": (0.1, 0.1, 0.04), "mass": 0.2}},
+            contact={"friction": 0.6},
+            path={"joints": path.tolist()},
+            solver={"method": "reachability", "collocation_points": 60},
+        )
+    return None
+
+
+def _stands(robot: Robot, q: Array) -> bool:
+    """Whether the joints can hold the robot and a load at its tool at some postures."""
+    still = np.zeros_like(q)
+    torque, _, _ = robot.inverse_dynamics(q, still, still)
+    load = np.array([robot.carrier_jacobian(row)[2][2] for row in q]) * LOAD * 9.81
+    return bool((np.abs(torque + load) <= MARGIN * robot.limits.torque).all())

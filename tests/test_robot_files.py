@@ -5,9 +5,11 @@ import pytest
 import robot_files
 from robot_files import Joints
 
+from robustopt import build_problem, certify, solve
 from robustopt.arrays import Array
 from robustopt.config import Config
 from robustopt.robot import Robot, load_robot
+from robustopt.solvers import Status
 
 QUICK = (
     "allegro_left_hand",
@@ -22,6 +24,9 @@ QUICK = (
 legs; a mesh in text; antennas; and a plain arm."""
 SAME = 1e-10
 """Largest relative difference to pinocchio."""
+
+STUCK = ("talos_left_arm", "talos_full_v2", "talos_full_v2_box")
+"""Files in which the dry friction of the last joint, a gripper, is its whole torque limit: it cannot move."""
 
 pin = pytest.importorskip("pinocchio", reason="needs pin, of the extra `test`")
 
@@ -95,3 +100,13 @@ def test_there_are_47_published_files() -> None:
     if robot_files.folder() is None:
         pytest.skip("needs example-robot-data, of the extra `robots`")
     assert len(robot_files.files()) == 47
+
+
+@pytest.mark.parametrize("name", every_file())
+def test_a_published_robot_carries_a_box_on_a_level_tray(name: str) -> None:
+    """44 of the 47 plan and are certified."""
+    config = robot_files.tray_task(robot_files.files()[name])
+    assert config is not None, "no posture can be held"
+    plan = solve(build_problem(config))
+    assert plan.status is (Status.INFEASIBLE if name in STUCK else Status.SOLVED)
+    assert name in STUCK or certify(plan).passed

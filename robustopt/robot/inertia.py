@@ -21,6 +21,8 @@ LEAST_MASS = 1e-6
 LEAST_MOMENT = 1e-9
 """Smallest part of a moment of inertia in simulation, and one that is nothing in a plan [kg m^2]: a gram at a
 millimetre (our choice)."""
+NO_MOMENT = 1e-12
+"""Moment of inertia in place of none in a plan [kg m^2]: MuJoCo warns of joints that move nothing (our choice)."""
 ROUNDING = 1e-9
 """Relative error of an inertia that counts as rounding (our choice)."""
 MOST_EXCESS = 1.5
@@ -93,10 +95,12 @@ def restore(model: mujoco.MjModel, written: Mapping[str, Inertia]) -> None:
     for name, inertia in written.items():
         body = model.body(name).id
         moments, axes = np.linalg.eigh(inertia.about_com)
+        moments = np.where(np.abs(moments) < NO_MOMENT, NO_MOMENT, moments)
         axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])
         model.body_mass[body], model.body_ipos[body], model.body_inertia[body] = inertia.mass, inertia.com, moments
         model.body_iquat[body] = Rotation.from_matrix(axes).as_quat(scalar_first=True)
-    if written:
+    if written:  # and what the compiler has derived from the others
+        model.body_sameframe[:] = model.body_simple[:] = model.dof_simplenum[:] = 0
         model.body_subtreemass[:] = model.body_mass
         for body in range(model.nbody - 1, 0, -1):
             model.body_subtreemass[model.body_parentid[body]] += model.body_subtreemass[body]

@@ -13,9 +13,7 @@ from robustopt.robot.inertia import Inertia
 from robustopt.robot.urdf_check import check_urdf, mimics_another, written_ranges
 from robustopt.robot.urdf_inertia import replace_unusable
 
-XACRO = (
-    "the language of xacro; expected the URDF that `xacro` makes of it: run `xacro {file} -o {urdf}`, and give {urdf}"
-)
+XACRO = "xacro; expected the URDF that `xacro` makes of it: run `xacro {file} -o {urdf}`, and give {urdf}"
 
 MESH_FORMATS = frozenset({".stl", ".obj", ".msh"})
 
