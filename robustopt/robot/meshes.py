@@ -10,11 +10,15 @@ import mujoco
 import numpy as np
 
 from robustopt.arrays import Array
+from robustopt.config.document import shortened
 from robustopt.errors import RobotError
 from robustopt.files import read_bytes, reason
 
 STL_HEADER, STL_FACET = 84, 50
 """Sizes of a binary STL file [bytes]: of the header with the number of facets, and of each facet."""
+
+MOST_WORDS = 150
+"""Largest number of characters of a reason of MuJoCo, which may name a file."""
 
 _VERTEX = re.compile(rb"\bvertex\s+(\S+)\s+(\S+)\s+(\S+)", re.IGNORECASE)
 
@@ -72,11 +76,11 @@ def leave_out_unusable(spec: mujoco.MjSpec) -> tuple[str, ...]:
     for mesh in list(spec.meshes):
         refusal = _refusal(spec, mesh)
         shapes = _shapes(spec, mesh)
-        if refusal is None or not all(geom.parent.explicitinertial for geom in shapes):
+        if refusal is None or not shapes or not all(geom.parent.explicitinertial for geom in shapes):
             continue
         collides = any(geom.contype or geom.conaffinity for geom in shapes)
         checked = "; collisions with it are not checked" if collides else ""
-        notes.append(f"link {_links(spec, mesh)}: left out the mesh {_name(mesh)}, {refusal}{checked}")
+        notes.append(f"link {_links(spec, mesh)}: left out the mesh {shortened(_name(mesh))}, {refusal}{checked}")
         for item in [*shapes, mesh]:
             spec.delete(item)
     return tuple(notes)
@@ -92,7 +96,7 @@ def _refusal(spec: mujoco.MjSpec, mesh: mujoco.MjsMesh) -> str | None:
     try:
         alone.compile()
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
-        return str(error).splitlines()[0].removeprefix("Error: ")
+        return shortened(str(error).splitlines()[0].removeprefix("Error: "), MOST_WORDS)
     return None
 
 
