@@ -81,6 +81,8 @@ def test_files_of_example_robot_data_are_named_by_their_stem():
     complaint = "example-robot-data has no robot 'ur5'; similar ones: ur5_gripper, ur5_joint_limited_robot, ur5_robot"
     with pytest.raises(RobotError, match=complaint):
         file_of("example-robot-data:ur5")
+    with pytest.raises(RobotError, match=r"no robot 'ur55'; similar ones: .*ur5_robot"):
+        file_of("example-robot-data:ur55")
 
 
 def test_a_source_that_is_missing_says_how_to_get_it(monkeypatch):

@@ -29,8 +29,8 @@ REMEDIES = {
 }
 """Ways to get the robots of a source."""
 
-MOST_NEAR = 5
-"""Largest number of similar names that an error lists (our choice)."""
+MOST_NEAR, LEAST_NEAR = 5, 0.4
+"""Largest number of similar names that an error lists, and their least similarity from 0 to 1 (our choice)."""
 
 
 def share_folders() -> tuple[Path, ...]:
@@ -81,7 +81,7 @@ def source_file(source: str, name: str) -> Path:
         raise RobotError(f"no robots of {source} were found; {REMEDIES[source]}", key="robot.model")
     if name not in robots:
         near = [known for known in robots if name and name.lower() in known.lower()]
-        near += [known for known in difflib.get_close_matches(name, robots, n=MOST_NEAR) if known not in near]
+        near += [known for known in difflib.get_close_matches(name, robots, MOST_NEAR, LEAST_NEAR) if known not in near]
         similar = f"similar ones: {', '.join(near[:MOST_NEAR])}; " if near else ""
         message = f"{source} has no robot {shortened(repr(name))}; {similar}`robustopt robots` lists all"
         raise RobotError(message, key="robot.model")
