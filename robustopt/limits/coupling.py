@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from robustopt.arrays import Array, Indices
-from robustopt.compiled import compiled, compiled_inner
+from robustopt.compiled import compiled_inner, merged
 
 MOST_ERRORS = 8
 """Number of acceleration errors whose corners are enumerated: 256 corners."""
@@ -33,6 +33,7 @@ class Coupled(NamedTuple):
         chosen: enumerated errors, the ones with the largest effect (E,).
         effect: size of the effect of each error (E,).
         error: current error (E,).
+        goal: error to go to (E,).
         worst: worst error found so far (E,).
         both: changes of the second moments of a body by an error, and by its opposite (12,).
     """
@@ -46,21 +47,21 @@ class Coupled(NamedTuple):
     chosen: Indices
     effect: Array
     error: Array
+    goal: Array
     worst: Array
     both: Array
 
 
-@compiled()
 def coupled_work(wrench):
     """Return the work arrays for the rows over some required wrenches."""
-    G, E, K = len(wrench.lowest), wrench.products.shape[3], wrench.products.shape[2]
+    G, (_, _, K, E) = len(wrench.lowest), wrench.products.shape
     return Coupled(
         np.zeros(K), np.zeros((K, E)), np.zeros((G, E)), np.zeros(G), np.zeros(G), np.zeros(G), np.zeros(E, np.int64),
-        np.zeros(E), np.zeros(E), np.zeros(E), np.zeros(12),
+        np.zeros(E), np.zeros(E), np.zeros(E), np.zeros(E), np.zeros(12),
     )  # fmt: skip
 
 
-@compiled_inner(forceinline=True)
+@merged
 def is_coupled(wrench):
     """Return whether anything but the nominal wrench of a single group depends on an acceleration error."""
     return wrench.products.shape[3] > 0 and (wrench.products.shape[2] > 0 or len(wrench.lowest) > 1)
@@ -77,14 +78,14 @@ def support(y, first, usual, m, is_round):
     return plane + max(0.0, rz) - central
 
 
-@compiled_inner(forceinline=True)
+@merged
 def _shares(y, first):
     """Return the coefficients of T_xx, T_yy and T_zz if every T_ab is half their sum, with the sign of its own."""
     xy, xz, yz = 0.5 * abs(y[first + 3]), 0.5 * abs(y[first + 4]), 0.5 * abs(y[first + 5])
     return y[first] + xy + xz, y[first + 1] + xy + yz, y[first + 2] + xz + yz
 
 
-@compiled_inner(forceinline=True)
+@merged
 def largest_weight(usual, q):
     """Return the largest size of second moment q of all bodies less its usual value."""
     return 1.0 + abs(usual[q]) if q % 6 > 2 else max(abs(usual[q]), abs(1.0 - usual[q]))
@@ -105,169 +106,197 @@ def set_moments(y, first, usual, m, is_round, weights):
         weights[6 * m + q] -= usual[6 * m + q]
 
 
-@compiled_inner()
-def find_product_bounds(family, b, f, i, work):
-    """Add to the margins of row B[b, f] at grid point i how much its terms can grow by each acceleration error."""
-    _find_row(family, b, f, i, work)
-    here = work.coupled
-    here.rest[:] = 0.0
+@merged
+def add_all_product_bounds(B, b, f, i, wrench, here, out):
+    """Add to out (F, G) how much the terms of row B[b, f] at grid point i can grow by each acceleration error."""
+    _find_products(B, b, f, i, wrench, here)
+    rest = here.rest
+    _fill(rest, 0.0)
     for e in range(len(here.error)):
-        add_product_bounds(family.wrench, here, e, here.rest)
-    for g in range(len(here.rest)):
-        work.margins[f, g] += here.rest[g]
+        _add_product_bounds(
+            here.products, e, wrench.group, wrench.moment_group, wrench.usual, wrench.round, here.both, rest
+        )
+    for g in range(len(rest)):
+        out[f, g] += rest[g]
 
 
 @compiled_inner()
-def coupled_value(family, b, f, i, work):
+def coupled_value(B, base_terms, wrench, b, f, i, work):
     """Set signs, weights and fixed of a `RowWork` to the worst for row B[b, f] at grid point i, and return its value.
 
     The wrenches at (u, x) have been found; the affine part of the row is not added.
     """
-    wrench, here = family.wrench, work.coupled
-    n, K, E = len(wrench.group), wrench.products.shape[2], wrench.products.shape[3]
-    _find_row(family, b, f, i, work)
+    here = work.coupled
+    _find_products(B, b, f, i, wrench, here)
+    _find_row(B, base_terms, b, f, i, wrench, work, here)
     count = _choose_errors(wrench, here)
-    for e in range(E):
-        here.error[e] = here.worst[e] = 0.0
-    for k in range(count):
-        _step(here, here.chosen[k], 1.0, K)
-    largest = _value(wrench, here, n)
-    _copy(here.error, here.worst)
-    for step in range(1, 1 << count):
-        k = 0
-        while not (step >> k) & 1:
-            k += 1
-        e = here.chosen[k]
-        _step(here, e, -2.0 * here.error[e], K)
-        value = _value(wrench, here, n)
-        if value > largest:
+    goal, worst, largest, value = here.goal, here.worst, 0.0, 0.0
+    _fill(here.error, 0.0)
+    _fill(goal, 0.0)
+    corners = 1 << count
+    for step in range(corners + 1):  # at last back to the worst corner
+        if step == 0:
+            for k in range(count):
+                goal[here.chosen[k]] = 1.0
+        elif step < corners:
+            k = 0
+            while not (step >> k) & 1:
+                k += 1
+            goal[here.chosen[k]] = -goal[here.chosen[k]]
+        else:
+            _copy(worst, goal)
+        value = _value_at_goal(wrench, here, count)
+        if step == 0 or (step < corners and value > largest):
             largest = value
-            _copy(here.error, here.worst)
-    for k in range(count):
-        e = here.chosen[k]
-        _step(here, e, here.worst[e] - here.error[e], K)
-    largest = _value(wrench, here, n)
-    _set_worst(wrench, here, n, work)
-    return largest
+            _copy(goal, worst)
+    _set_worst(wrench, here, work)
+    return value
 
 
-@compiled_inner()
-def _find_row(family, b, f, i, work):
-    """Set terms, products, own and rest of a row without acceleration errors."""
-    B, wrench, base_terms, here = family.B, family.wrench, family.base_terms, work.coupled
-    n, (_, d, K, E) = len(wrench.group), wrench.products.shape
-    G = len(wrench.lowest)
-    here.central[:] = 0.0
-    here.terms[:] = 0.0
-    here.products[:] = 0.0
-    here.own[:] = 0.0
-    for j in range(d):
+@merged
+def _find_products(B, b, f, i, wrench, here):
+    """Set the products of row B[b, f] at grid point i."""
+    found, products = here.products, wrench.products
+    for k in range(products.shape[2]):
+        for e in range(products.shape[3]):
+            found[k, e] = 0.0
+    for j in range(products.shape[1]):
+        weight = B[b, f, j]
+        if weight != 0.0:
+            for k in range(products.shape[2]):
+                for e in range(products.shape[3]):
+                    found[k, e] += weight * products[i, j, k, e]
+
+
+@merged
+def _find_row(B, base_terms, b, f, i, wrench, work, here):
+    """Set terms, own and rest of a row without acceleration errors."""
+    n, K, G, E = len(wrench.group), len(here.terms), len(here.central), len(here.error)
+    terms, central, rest, own = here.terms, here.central, here.rest, here.own
+    _fill(terms, 0.0)
+    for g in range(G):
+        central[g] = 0.0
+        for e in range(E):
+            own[g, e] = 0.0
+    for j in range(B.shape[2]):
         weight = B[b, f, j]
         if weight == 0.0:
             continue
         for k in range(K):
-            here.terms[k] += weight * (work.swings[k, j] if k < n else work.moments[k - n, j])
-            for e in range(E):
-                here.products[k, e] += weight * wrench.products[i, j, k, e]
+            terms[k] += weight * (work.swings[k, j] if k < n else work.moments[k - n, j])
         for g in range(G):
-            here.central[g] += weight * work.central[g, j]
+            central[g] += weight * work.central[g, j]
             for e in range(E):
-                here.own[g, e] += weight * wrench.constant[i, j, g * E + e]
-    _copy(here.central, here.rest)
+                own[g, e] += weight * wrench.constant[i, j, g * E + e]
+    _copy(central, rest)
     if base_terms.shape[0]:
         for g in range(G):
             for e in range(E):
-                here.own[g, e] += base_terms[i, f, g * E + e]
+                own[g, e] += base_terms[i, f, g * E + e]
     for k in range(G * E, len(wrench.constant_group)):
         product = base_terms[i, f, k] if base_terms.shape[0] else 0.0
-        for j in range(d):
+        for j in range(B.shape[2]):
             product += B[b, f, j] * wrench.constant[i, j, k]
-        here.rest[wrench.constant_group[k]] += abs(product)
+        rest[wrench.constant_group[k]] += abs(product)
 
 
-@compiled_inner()
+@merged
 def _choose_errors(wrench, here):
     """Choose the errors to enumerate, bound the effect of the others in `rest`, and return how many are chosen."""
-    G, (_, _, K, E) = len(wrench.lowest), wrench.products.shape
+    chosen, effect, products, own, rest = here.chosen, here.effect, here.products, here.own, here.rest
+    K, E, G = len(here.terms), len(here.error), len(rest)
     for e in range(E):
-        here.chosen[e] = e
-        here.effect[e] = 0.0
+        chosen[e] = e
+        effect[e] = 0.0
         for k in range(K):
-            here.effect[e] += abs(here.products[k, e])
+            effect[e] += abs(products[k, e])
         if G > 1:
             for g in range(G):
-                here.effect[e] += abs(here.own[g, e])
+                effect[e] += abs(own[g, e])
     if E <= MOST_ERRORS:
         return E
     for k in range(MOST_ERRORS):  # the largest effects come first
         for e in range(k + 1, E):
-            if here.effect[here.chosen[e]] > here.effect[here.chosen[k]]:
-                here.chosen[k], here.chosen[e] = here.chosen[e], here.chosen[k]
+            if effect[chosen[e]] > effect[chosen[k]]:
+                chosen[k], chosen[e] = chosen[e], chosen[k]
     for k in range(MOST_ERRORS, E):
+        e = chosen[k]
         for g in range(G):
-            here.rest[g] += abs(here.own[g, here.chosen[k]])
-        add_product_bounds(wrench, here, here.chosen[k], here.rest)
+            rest[g] += abs(own[g, e])
+        _add_product_bounds(products, e, wrench.group, wrench.moment_group, wrench.usual, wrench.round, here.both, rest)
     return MOST_ERRORS
 
 
 @compiled_inner()
-def add_product_bounds(wrench, here, e, out):
-    """Add to out (G,) how much the terms and second moments of each group can grow by error e alone."""
-    n, products = len(wrench.group), here.products
+def _add_product_bounds(products, e, group, moment_group, usual, is_round, both, out):
+    """Add to out (G,) how much the terms and second moments of each group can grow by error e alone.
+
+    both: work array (12,)
+    """
+    n = len(group)
     for k in range(n):
-        out[wrench.group[k]] += abs(products[k, e])
-    for m in range(len(wrench.moment_group)):
+        out[group[k]] += abs(products[k, e])
+    for m in range(len(moment_group)):
+        for q in range(6):
+            both[q] = products[n + 6 * m + q, e]
+            both[6 + q] = -products[n + 6 * m + q, e]
+        most = -np.inf
         for sign in range(2):
-            for q in range(6):
-                here.both[6 * sign + q] = (1 - 2 * sign) * products[n + 6 * m + q, e]
-        more = support(here.both, 0, wrench.usual, m, wrench.round[m])
-        less = support(here.both, 6, wrench.usual, m, wrench.round[m])
-        out[wrench.moment_group[m]] += max(more, less)
+            most = max(most, support(both, 6 * sign, usual, m, is_round[m]))
+        out[moment_group[m]] += most
 
 
-@compiled_inner(forceinline=True)
+@merged
+def _fill(values, value):
+    for k in range(len(values)):
+        values[k] = value
+
+
+@merged
 def _copy(source, target):
     for k in range(len(source)):
         target[k] = source[k]
 
 
-@compiled_inner(forceinline=True)
-def _step(here, e, change, K):
-    """Change error e, and all that depends on it except for the values of the groups."""
-    here.error[e] += change
-    for k in range(K):
-        here.terms[k] += change * here.products[k, e]
-    for g in range(len(here.rest)):
-        here.rest[g] += change * here.own[g, e]
-
-
-@compiled_inner(forceinline=True)
-def _value(wrench, here, n):
-    """Return the value of the row at the current error, and set those of its groups."""
-    values, terms = here.values, here.terms
-    _copy(here.rest, values)
-    for k in range(n):
-        values[wrench.group[k]] += abs(terms[k])
-    for m in range(len(wrench.moment_group)):
-        values[wrench.moment_group[m]] += support(terms, n + 6 * m, wrench.usual, m, wrench.round[m])
+@merged
+def _value_at_goal(wrench, here, count):
+    """Go to the error that is the goal, and return the value of the row there; so many errors are enumerated."""
+    error, goal, terms, products, own, rest = here.error, here.goal, here.terms, here.products, here.own, here.rest
+    values, group, moment_group = here.values, wrench.group, wrench.moment_group
+    for c in range(count):
+        e = here.chosen[c]
+        change = goal[e] - error[e]
+        if change != 0.0:
+            error[e] += change
+            for k in range(len(terms)):
+                terms[k] += change * products[k, e]
+            for g in range(len(rest)):
+                rest[g] += change * own[g, e]
+    _copy(rest, values)
+    for k in range(len(group)):
+        values[group[k]] += abs(terms[k])
+    for m in range(len(moment_group)):
+        first = len(group) + 6 * m
+        values[moment_group[m]] += support(terms, first, wrench.usual, m, wrench.round[m])
     total = 0.0
     for g in range(len(values)):
         total += values[g] * (wrench.highest[g] if values[g] > 0.0 else wrench.lowest[g])
     return total
 
 
-@compiled_inner()
-def _set_worst(wrench, here, n, work):
+@merged
+def _set_worst(wrench, here, work):
     """Set signs, weights and fixed of a `RowWork` to those at the current error."""
-    terms, products = here.terms, here.products
-    for g in range(len(work.fixed)):
-        work.fixed[g] = here.rest[g] - here.central[g]
+    terms, products, fixed, signs, weights = here.terms, here.products, work.fixed, work.signs, work.weights
+    n = len(wrench.group)
+    for g in range(len(fixed)):
+        fixed[g] = here.rest[g] - here.central[g]
     for k in range(n):
-        work.signs[k] = -1.0 if terms[k] < 0.0 else 1.0
+        signs[k] = -1.0 if terms[k] < 0.0 else 1.0
     for m in range(len(wrench.moment_group)):
-        set_moments(terms, n + 6 * m, wrench.usual, m, wrench.round[m], work.weights)
+        set_moments(terms, n + 6 * m, wrench.usual, m, wrench.round[m], weights)
     for k in range(len(terms)):
-        weight = work.signs[k] if k < n else work.weights[k - n]
+        weight = signs[k] if k < n else weights[k - n]
         g = wrench.group[k] if k < n else wrench.moment_group[(k - n) // 6]
         for e in range(len(here.error)):
-            work.fixed[g] += weight * here.error[e] * products[k, e]
+            fixed[g] += weight * here.error[e] * products[k, e]

@@ -26,9 +26,10 @@ import numpy as np
 
 from robustopt.compiled import compiled
 from robustopt.errors import SolverFailed
-from robustopt.limits.clipping import MAX_VERTICES, cut_rows
-from robustopt.limits.cutting import cut_family, worst_rows
-from robustopt.limits.row_values import family_values
+from robustopt.limits.clipping import MAX_VERTICES, cut_rows, empty_draft
+from robustopt.limits.cutting import cut_family, none_tried, worst_rows
+from robustopt.limits.row_bounds import row_blocks
+from robustopt.limits.row_values import family_values, row_work
 
 Array = np.ndarray
 
@@ -182,7 +183,10 @@ def cut(polygons: Polygons, family: Family) -> Polygons:
     Raises:
         SolverFailed: a polygon would have more than `MAX_VERTICES` edges.
     """
-    return _stored(cut_family, polygons, family) if len(family.names) else polygons
+    if not len(family.names):
+        return polygons
+    work = empty_draft(), row_work(family), row_blocks(family), none_tried()
+    return _stored(lambda result: cut_family(polygons, family, result, *work), polygons)
 
 
 def cut_part(polygons: Polygons, family: Family, first: int, last: int) -> Polygons:
@@ -222,7 +226,10 @@ def cut_affine(polygons: Polygons, rows: Array, names: Array) -> Polygons:
     Raises:
         SolverFailed: a polygon would have more than `MAX_VERTICES` edges.
     """
-    return _stored(cut_rows, polygons, (np.ascontiguousarray(rows), names)) if len(names) else polygons
+    if not len(names):
+        return polygons
+    rows, draft = np.ascontiguousarray(rows), empty_draft()
+    return _stored(lambda result: cut_rows(polygons, rows, names, result, draft), polygons)
 
 
 def evaluate(family: Family, points: Array, u: Array, x: Array) -> Array:
@@ -235,7 +242,7 @@ def evaluate(family: Family, points: Array, u: Array, x: Array) -> Array:
         x: sd^2 (M,).
     """
     values = np.zeros((len(points), len(family.names)))
-    family_values(family, points, u, x, values)
+    family_values(family, points, u, x, row_work(family), values)
     return values
 
 
@@ -252,16 +259,16 @@ def worst(family: Family, points: Array, u: Array, x: Array) -> tuple[Array, Arr
         Values (M,), 0 if no row is violated; and the row a u + b x + c <= 0 for the worst parameters (M, 3).
     """
     values, pieces = np.zeros(len(points)), np.zeros((len(points), 3))
-    worst_rows(family, points, u, x, values, pieces)
+    worst_rows(family, points, u, x, row_work(family), row_blocks(family), values, pieces)
     return values, pieces
 
 
-def _stored(kernel: Callable[..., int], polygons: Polygons, limits: Family | tuple[Array, Array]) -> Polygons:
-    """Return the result of a kernel, with room for its largest polygon."""
+def _stored(cut_into: Callable[[Polygons], int], polygons: Polygons) -> Polygons:
+    """Return the result of a function that cuts polygons and returns their largest size, with room for this one."""
     room = max(ROOM, polygons.names.shape[1])
     while True:
         result = _empty(len(polygons.sizes), room)
-        largest = kernel(polygons, limits, result)
+        largest = cut_into(result)
         if largest > MAX_VERTICES:
             raise SolverFailed(f"a feasible polygon at a grid point has more than {MAX_VERTICES} edges")
         if largest <= room:
