@@ -28,7 +28,7 @@ def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 
     def decorate(function: Callable[..., Any]) -> Any:
         try:
-            return nb.njit(cache=True, nogil=True, **options)(function)
+            return nb.njit(cache=True, nogil=True, no_cfunc_wrapper=True, **options)(function)
         except RuntimeError:  # no folder for the cache
             return nb.njit(nogil=True, **options)(function)
 

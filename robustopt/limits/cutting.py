@@ -15,8 +15,8 @@ import numpy as np
 from robustopt.arrays import Array, Indices
 from robustopt.compiled import compiled, merged
 from robustopt.limits.clipping import MAX_VERTICES, clip, largest_value, read, sizes_along, write
-from robustopt.limits.coupling import coupled_value, is_coupled, largest_weight
-from robustopt.limits.row_bounds import BLOCK, find_bounds
+from robustopt.limits.coupling import exact_value
+from robustopt.limits.row_bounds import BLOCK, find_bounds, find_reach
 from robustopt.limits.row_values import active_piece, find_margin, find_wrenches, own_part, row_value
 
 TOLERANCE = 1e-10
@@ -51,15 +51,16 @@ def none_tried():
 
 
 @compiled(_nrt=False)
-def cut_family(polygons, family, result, draft, work, blocks, tried):
+def cut_family(polygons, rows, names, result, draft, work, blocks, tried):
     """Cut each polygon with the rows of a family.
 
     Args:
         polygons: the polygons.
-        family: the rows.
+        rows: the rows.
+        names: number of the name of each (F,).
         result: polygons that the results are written to.
         draft: work arrays.
-        work: work arrays for the family.
+        work: work arrays for the rows.
         blocks: the rows in blocks.
         tried: room for rows to be tried.
 
@@ -71,51 +72,49 @@ def cut_family(polygons, family, result, draft, work, blocks, tried):
         n = read(polygons, i, draft)
         if n < 3:
             continue
-        _find_reach(family, i, blocks)
-        n = _cut(family, i, tried, count, blocks, work, draft, n)
+        n = _cut(rows, i, tried, count, blocks, work, draft, n)
         if n > MAX_VERTICES - 2:
             return MAX_VERTICES + 1
         n = n if n >= 3 else 0
-        count = _name_edges(draft.vertices, draft.names, n, family.names, tried.rows, tried.points)
+        count = _name_edges(draft.vertices, draft.names, n, names, tried.rows, tried.points)
         write(draft, n, result, i)
         largest = max(largest, n)
     return largest
 
 
 @compiled(_nrt=False)
-def worst_rows(family, points, u, x, work, blocks, values, pieces):
+def worst_rows(rows, points, u, x, work, blocks, values, pieces):
     """Find the row of a family that is violated most, for several (u, x).
 
     Args:
-        family: the rows.
+        rows: the rows.
         points: grid points (M,).
         u: sdd (M,).
         x: sd^2 (M,).
-        work: work arrays for the family.
+        work: work arrays for the rows.
         blocks: the rows in blocks.
         values: set to its value, or to 0 if none is violated (M,).
         pieces: set to its active piece a u + slope x + c, if it is violated (M, 3).
     """
     for m in range(len(points)):
         i = points[m]
-        b = i if family.B.shape[0] > 1 else 0
-        _find_reach(family, i, blocks)
-        find_wrenches(family.wrench, i, u[m], x[m], work)
-        f, violation = _worst_row(family, b, i, u[m], x[m], work, blocks)
+        b = i if rows.B.shape[0] > 1 else 0
+        find_wrenches(rows.wrenches, i, u[m], x[m], work.wrenches)
+        f, violation = _worst_row(rows, b, i, u[m], x[m], work, blocks)
         if f >= 0:
             values[m] = violation
-            pieces[m, 0], pieces[m, 1], pieces[m, 2] = active_piece(family, b, f, i, u[m], x[m], work)
+            pieces[m, 0], pieces[m, 1], pieces[m, 2] = active_piece(rows, b, f, i, u[m], x[m], work)
 
 
 @merged
-def _cut(family, i, tried, count, blocks, work, draft, n):
+def _cut(rows, i, tried, count, blocks, work, draft, n):
     """Cut a draft of n vertices until none of them violates a row; return their number, or more than MAX_VERTICES.
 
     The rows that bounded the last polygon are tried first. Then a look at all rows either confirms a vertex or finds
     the row that cuts it off.
     """
     V, kept = draft.vertices, draft.kept
-    b = i if family.B.shape[0] > 1 else 0
+    b = i if rows.B.shape[0] > 1 else 0
     size_u, size_x = sizes_along(V, n)
     first = 0
     for look in range(count + MOST_LOOKS):
@@ -127,11 +126,11 @@ def _cut(family, i, tried, count, blocks, work, draft, n):
             if first == n:
                 return n
             u, x = V[first, 0], V[first, 1]
-        find_wrenches(family.wrench, i, u, x, work)
+        find_wrenches(rows.wrenches, i, u, x, work.wrenches)
         if look >= count:
-            f, violation = _worst_row(family, b, i, u, x, work, blocks)
+            f, violation = _worst_row(rows, b, i, u, x, work, blocks)
         if f >= 0:
-            a, slope, c = active_piece(family, b, f, i, u, x, work)
+            a, slope, c = active_piece(rows, b, f, i, u, x, work)
             if look < count:
                 violation = largest_value(V, n, a, slope, c)
             # a vertex that violates a row by rounding error is kept
@@ -147,74 +146,34 @@ def _cut(family, i, tried, count, blocks, work, draft, n):
 
 
 @merged
-def _find_reach(family, i, blocks):
-    """Set the parts of the reach that depend on neither u nor x, at grid point i."""
-    wrench, base_terms = family.wrench, family.base_terms
-    constant, group, products, n = wrench.constant, wrench.constant_group, wrench.products, len(wrench.group)
-    fixed, own_reach = blocks.fixed, blocks.own_reach
-    for g in range(fixed.shape[0]):
-        for j in range(fixed.shape[1]):
-            fixed[g, j] = 0.0
-    for k in range(len(group)):
-        for j in range(fixed.shape[1]):
-            fixed[group[k], j] += abs(constant[i, j, k])
-    for k in range(products.shape[2]):
-        g = wrench.group[k] if k < n else wrench.moment_group[(k - n) // 6]
-        size = 1.0 if k < n else largest_weight(wrench.usual, k - n)
-        for j in range(fixed.shape[1]):
-            for e in range(products.shape[3]):
-                fixed[g, j] += size * abs(products[i, j, k, e])
-    for f in range(own_reach.shape[0]):
-        for g in range(own_reach.shape[1]):
-            own_reach[f, g] = 0.0
-        for k in range(len(group)):
-            own_reach[f, group[k]] += abs(base_terms[i, f, k])
-
-
-@merged
-def _add_reach(wrench, work, blocks):
-    """Set the reach at (u, x), whose wrenches have been found."""
-    reach, fixed = blocks.reach, blocks.fixed
-    for g in range(reach.shape[0]):
-        for j in range(reach.shape[1]):
-            reach[g, j] = fixed[g, j]
-    for k in range(len(wrench.group)):
-        for j in range(reach.shape[1]):
-            reach[wrench.group[k], j] += abs(work.swings[k, j])
-    for q in range(len(wrench.usual)):
-        size = largest_weight(wrench.usual, q)
-        for j in range(reach.shape[1]):
-            reach[wrench.moment_group[q // 6], j] += abs(work.moments[q, j]) * size
-
-
-@merged
-def _worst_row(family, b, i, u, x, work, blocks):
+def _worst_row(rows, b, i, u, x, work, blocks):
     """Return the row that is violated most at (u, x), or -1, and by how much.
 
     Blocks are searched depth first, those alone that may contain a row that is violated more than the worst so far.
     """
     if len(blocks.reach):
-        _add_reach(family.wrench, work, blocks)
-    bounds, last = blocks.bounds, blocks.bounds.shape[0] - 1
+        find_reach(rows, i, work.wrenches, blocks)
+    bounds = blocks.bounds
+    levels, width = bounds.shape
     worst, violation = -1, TOLERANCE
-    level, m, k = 0, 0, -1  # place among the blocks of block m of a level, -1 if their bounds have not been found
-    while level >= 0:
+    level, m, k = levels - 1, 0, -1  # place among the blocks of block m of a level, -1 if their bounds have not been found
+    while level < levels:
         if k < 0:
-            find_bounds(family, b, i, u, x, work.central, blocks, level, m)
+            find_bounds(rows, b, i, u, x, work.wrenches, blocks, level, m)
             k = 0
-        while k < bounds.shape[1] and bounds[level, k] <= violation:
+        while k < width and bounds[level, k] <= violation:
             k += 1
-        if k == bounds.shape[1]:
-            level, m, k = level - 1, m // BLOCK, m % BLOCK + 1
-        elif level < last:
-            level, m, k = level + 1, m * BLOCK + k, -1
+        if k == width:
+            level, m, k = level + 1, m // BLOCK, m % BLOCK + 1
+        elif level > 0:
+            level, m, k = level - 1, m * BLOCK + k, -1
         else:
             f = m * BLOCK + k
-            own = own_part(family.base, i, f, u, x)
-            find_margin(family, b, f, i, work)
-            value = row_value(family, b, f, i, own, work)
-            if value > violation and is_coupled(family.wrench):
-                value = own + coupled_value(family.B, family.base_terms, family.wrench, b, f, i, work)
+            own = own_part(rows.base, i, f, u, x)
+            find_margin(rows, b, f, i, work)
+            value = row_value(rows, b, f, own, work)
+            if value > violation and rows.changes.shape[3]:
+                value = own + exact_value(rows, b, f, i, work)
             if value > violation:
                 worst, violation = f, value
             k += 1

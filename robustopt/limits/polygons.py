@@ -27,9 +27,10 @@ import numpy as np
 from robustopt.compiled import compiled
 from robustopt.errors import SolverFailed
 from robustopt.limits.clipping import MAX_VERTICES, cut_rows, empty_draft
+from robustopt.limits.coupling import columns_of, row_work
 from robustopt.limits.cutting import cut_family, none_tried, worst_rows
 from robustopt.limits.row_bounds import row_blocks
-from robustopt.limits.row_values import family_values, row_work
+from robustopt.limits.row_values import family_values
 
 Array = np.ndarray
 
@@ -185,8 +186,9 @@ def cut(polygons: Polygons, family: Family) -> Polygons:
     """
     if not len(family.names):
         return polygons
-    work = empty_draft(), row_work(family), row_blocks(family), none_tried()
-    return _stored(lambda result: cut_family(polygons, family, result, *work), polygons)
+    rows = columns_of(family)
+    work = empty_draft(), row_work(rows), row_blocks(rows), none_tried()
+    return _stored(lambda result: cut_family(polygons, rows, family.names, result, *work), polygons)
 
 
 def cut_part(polygons: Polygons, family: Family, first: int, last: int) -> Polygons:
@@ -242,7 +244,8 @@ def evaluate(family: Family, points: Array, u: Array, x: Array) -> Array:
         x: sd^2 (M,).
     """
     values = np.zeros((len(points), len(family.names)))
-    family_values(family, points, u, x, row_work(family), values)
+    rows = columns_of(family)
+    family_values(rows, points, u, x, row_work(rows), values)
     return values
 
 
@@ -259,7 +262,8 @@ def worst(family: Family, points: Array, u: Array, x: Array) -> tuple[Array, Arr
         Values (M,), 0 if no row is violated; and the row a u + b x + c <= 0 for the worst parameters (M, 3).
     """
     values, pieces = np.zeros(len(points)), np.zeros((len(points), 3))
-    worst_rows(family, points, u, x, row_work(family), row_blocks(family), values, pieces)
+    rows = columns_of(family)
+    worst_rows(rows, points, u, x, row_work(rows), row_blocks(rows), values, pieces)
     return values, pieces
 
 

@@ -24,8 +24,8 @@ bind."""
 class Blocks(NamedTuple):
     """Blocks of rows, blocks of these blocks, and so on up to a single one; or a single block of all rows, not made.
 
-    Block m of a level consists of the K = `BLOCK` blocks of the next level, or rows, from K m on; zeros stand for
-    missing ones. The levels are stored one after the other, the single block first.
+    Block m of level 0 consists of K = `BLOCK` rows from K m on, and block m of another level of as many blocks of the
+    level below; zeros stand for missing ones. The levels are stored one after the other.
 
     Attributes:
         made: whether the rows are in blocks.
@@ -34,8 +34,9 @@ class Blocks(NamedTuple):
         entries: least and largest entries of each block in turn, or only one of both if it consists of rows, (S, d, K).
         sizes: largest sizes of the entries of each block (M, d, K).
         reach: sum_k |W_gk| at (u, x), and the like of second moments and products, (G, d), or (0, d) for no intervals.
-        fixed: part of the reach that depends on neither u nor x (G, d).
-        own_reach: largest share of the interval terms in each row by itself (F, G), or (0, G) for none.
+        fixed: part of the reach that depends on neither u nor x (P, G, d).
+        own_reach: largest share of the interval terms in each row by itself (P, F, G), or (0, 0, 0) for none.
+        weights: largest size of the factor of each column (C,).
         bounds: bounds of the blocks of a block, or of its rows, at each level (levels, K), or of all rows (1, F).
         value: work array (K,).
     """
@@ -48,58 +49,86 @@ class Blocks(NamedTuple):
     reach: Array
     fixed: Array
     own_reach: Array
+    weights: Array
     bounds: Array
     value: Array
 
 
-def row_blocks(family):
-    """Return the rows of a family in blocks, if they are many, the same at all grid points, and have no own part."""
-    B, wrench, base_terms = family.B, family.wrench, family.base_terms
-    (_, F, d), G = B.shape, len(wrench.lowest)
-    made = B.shape[0] == 1 and family.base.shape[0] == 0 and F > BLOCK
-    levels = _levels(B[0]) if made else []
+def row_blocks(rows):
+    """Return rows in blocks, if they are many, the same at all grid points, and have no own part."""
+    (_, F, d), G = rows.B.shape, len(rows.lowest)
+    made = rows.B.shape[0] == 1 and rows.base.shape[0] == 0 and F > BLOCK
+    levels = _levels(rows.B[0]) if made else []
     counts = [len(lowest) for lowest, _ in levels]
-    entries = [np.stack(level, axis=1).reshape(-1, d, BLOCK) for level in levels[:-1]] + [low for low, _ in levels[-1:]]
+    entries = [low for low, _ in levels[:1]] + [np.stack(level, axis=1).reshape(-1, d, BLOCK) for level in levels[1:]]
     sizes = [np.maximum(-low, high) for low, high in levels]
-    intervals = len(wrench.group) + len(wrench.usual) + len(wrench.constant_group)
+    intervals = len(rows.group) > G or len(rows.constant_group)
+    fixed, own_reach, weights = _reach(rows)
     return Blocks(
-        made, np.cumsum([0, *counts[:-1]]), np.cumsum([0, *(2 * count for count in counts[:-1])]),
+        made, np.cumsum([0, *counts[:-1]]), np.cumsum([0, *(len(level) for level in entries[:-1])]),
         np.concatenate([np.zeros((0, d, BLOCK)), *entries]), np.concatenate([np.zeros((0, d, BLOCK)), *sizes]),
-        np.zeros((G if intervals else 0, d)), np.zeros((G, d)), np.zeros((F if len(base_terms) else 0, G)),
+        np.zeros((G if intervals else 0, d)), fixed, own_reach, weights,
         np.zeros((len(levels), BLOCK) if made else (1, F)), np.zeros(BLOCK),
     )  # fmt: skip
 
 
+def _reach(rows):
+    """Return the parts of the reach that depend on neither u nor x, and the largest factors; see `Blocks`."""
+    (P, d, C, _), G = rows.wrenches.shape, len(rows.lowest)
+    weights = np.ones(C)
+    six = rows.usual.reshape(-1, 6)
+    largest = np.hstack([np.maximum(np.abs(six[:, :3]), np.abs(1.0 - six[:, :3])), 1.0 + np.abs(six[:, 3:])])
+    weights[C - len(rows.usual) :] = largest.ravel()
+    fixed, own_reach = np.zeros((P, G, d)), np.zeros((*rows.base_terms.shape[:2], G if len(rows.base_terms) else 0))
+    for g in range(G):
+        own = rows.constant_group == g
+        fixed[:, g] = np.abs(rows.constant[:, :, own]).sum(axis=2)
+        if len(rows.base_terms):
+            own_reach[:, :, g] = np.abs(rows.base_terms[:, :, own]).sum(axis=2)
+        if len(rows.changes):
+            varying = np.flatnonzero(rows.group[G:] == g) + G
+            fixed[:, g] += np.abs(rows.changes[:, :, varying]).sum(axis=3) @ weights[varying]
+    return fixed, own_reach, weights
+
+
 def _levels(rows):
-    """Return the least and the largest entries in the blocks of each level (M, d, K), the single block first."""
+    """Return the least and the largest entries in the blocks of each level (M, d, K)."""
     low, high, levels = rows, rows, []
-    while not levels or len(levels[0][0]) > 1:
+    while not levels or len(levels[-1][0]) > 1:
         room = np.zeros((2, -(-len(low) // BLOCK) * BLOCK, rows.shape[1]))
         room[0, : len(low)], room[1, : len(low)] = low, high
-        levels.insert(0, room.reshape(2, -1, BLOCK, rows.shape[1]).transpose(0, 1, 3, 2))
+        levels.append(room.reshape(2, -1, BLOCK, rows.shape[1]).transpose(0, 1, 3, 2))
         starts = np.arange(0, len(low), BLOCK)
         low, high = np.minimum.reduceat(low, starts), np.maximum.reduceat(high, starts)
     return levels
 
 
 @merged
-def find_bounds(family, b, i, u, x, central, blocks, level, m):
-    """Set the bounds of level `level` to those of the blocks or rows of its block m, at grid point i and (u, x).
+def find_reach(rows, i, wrenches, blocks):
+    """Set the reach at grid point i and (u, x), whose wrenches have been found."""
+    reach, fixed, weights = blocks.reach, blocks.fixed, blocks.weights
+    for g in range(reach.shape[0]):
+        for j in range(reach.shape[1]):
+            reach[g, j] = fixed[i, g, j]
+    for k in range(reach.shape[0], len(weights)):
+        for j in range(reach.shape[1]):
+            reach[rows.group[k], j] += abs(wrenches[k, j]) * weights[k]
 
-    central: W_g0 at (u, x), (G, d)
-    """
-    lowest, highest = family.wrench.lowest, family.wrench.highest
+
+@merged
+def find_bounds(rows, b, i, u, x, wrenches, blocks, level, m):
+    """Set the bounds of a level to those of the blocks or rows of its block m, at grid point i and (u, x)."""
     if blocks.made:
-        last = level == len(blocks.first) - 1
-        least, upper = (blocks.least[level] + m, 0) if last else (blocks.least[level] + 2 * m, 1)
+        upper = 1 if level > 0 else 0
         block_bounds(
-            blocks.entries, blocks.sizes, least, upper, blocks.first[level] + m,
-            central, blocks.reach, lowest, highest, blocks.bounds, level, blocks.value,
+            blocks.entries, blocks.sizes, blocks.least[level] + (1 + upper) * m, upper, blocks.first[level] + m,
+            wrenches, blocks.reach, rows.lowest, rows.highest, blocks.bounds, level, blocks.value,
         )  # fmt: skip
     else:
         row_bounds(
-            family.B, b, family.base, blocks.own_reach, i, u, x, central, blocks.reach, lowest, highest, blocks.bounds
-        )
+            rows.B, b, rows.base, blocks.own_reach, i, u, x, wrenches, blocks.reach, rows.lowest, rows.highest,
+            blocks.bounds,
+        )  # fmt: skip
 
 
 @compiled_inner(fastmath={"contract"}, forceinline=True)
@@ -163,7 +192,7 @@ def row_bounds(B, b, base, own_reach, i, u, x, central, reach, lowest, highest, 
     for f in range(bounds.shape[1]):
         bounds[0, f] = own_part(base, i, f, u, x)
         for g in range(len(lowest)):
-            v = own_reach[f, g] if len(own_reach) else 0.0
+            v = own_reach[i, f, g] if len(own_reach) else 0.0
             if len(reach):
                 for j in range(B.shape[2]):
                     v += B[b, f, j] * central[g, j] + abs(B[b, f, j]) * reach[g, j]
