@@ -58,18 +58,40 @@ def row_blocks(rows):
     """Return rows in blocks, if they are many, the same at all grid points, and have no own part."""
     (_, F, d), G = rows.B.shape, len(rows.lowest)
     made = rows.B.shape[0] == 1 and rows.base.shape[0] == 0 and F > BLOCK
-    levels = _levels(rows.B[0]) if made else []
-    counts = [len(lowest) for lowest, _ in levels]
-    entries = [low for low, _ in levels[:1]] + [np.stack(level, axis=1).reshape(-1, d, BLOCK) for level in levels[1:]]
-    sizes = [np.maximum(-low, high) for low, high in levels]
+    first, least, entries, sizes = _levels(rows.B[0] if made else np.zeros((0, d)))
     intervals = len(rows.group) > G or len(rows.constant_group)
     fixed, own_reach, weights = _reach(rows)
     return Blocks(
-        made, np.cumsum([0, *counts[:-1]]), np.cumsum([0, *(len(level) for level in entries[:-1])]),
-        np.concatenate([np.zeros((0, d, BLOCK)), *entries]), np.concatenate([np.zeros((0, d, BLOCK)), *sizes]),
-        np.zeros((G if intervals else 0, d)), fixed, own_reach, weights,
-        np.zeros((len(levels), BLOCK) if made else (1, F)), np.zeros(BLOCK),
+        made, first[:-1], least[:-1], entries, sizes, np.zeros((G if intervals else 0, d)), fixed, own_reach, weights,
+        np.zeros((len(first) - 1, BLOCK) if made else (1, F)), np.zeros(BLOCK),
     )  # fmt: skip
+
+
+def _levels(rows):
+    """Return the indices of the first block and entries of each level and of one more, entries and sizes of all."""
+    count, counts = len(rows), []
+    while count > 1:
+        count = -(-count // BLOCK)
+        counts.append(count)
+    first, least = np.cumsum([0, *counts]), np.cumsum([0, *counts[:1], *(2 * count for count in counts[1:])])
+    entries, sizes = np.zeros((least[-1], rows.shape[1], BLOCK)), np.zeros((first[-1], rows.shape[1], BLOCK))
+    low = high = rows
+    for level, count in enumerate(counts):
+        size = np.abs(rows) if level == 0 else np.maximum(-low, high)
+        for k, part in enumerate((low,) if level == 0 else (low, high)):
+            _place(part, entries[least[level] + k : least[level + 1] : 1 if level == 0 else 2])
+        _place(size, sizes[first[level] : first[level + 1]])
+        starts = np.arange(0, len(low), BLOCK)
+        low, high = np.minimum.reduceat(low, starts), np.maximum.reduceat(high, starts)
+    return first, least, entries, sizes
+
+
+def _place(rows, blocks):
+    """Write rows (R, d) to blocks (M, d, K) of zeros."""
+    whole, rest = divmod(len(rows), BLOCK)
+    blocks[:whole] = rows[: whole * BLOCK].reshape(whole, BLOCK, rows.shape[1]).transpose(0, 2, 1)
+    if rest:
+        blocks[whole, :, :rest] = rows[whole * BLOCK :].T
 
 
 def _reach(rows):
@@ -89,18 +111,6 @@ def _reach(rows):
             varying = np.flatnonzero(rows.group[G:] == g) + G
             fixed[:, g] += np.abs(rows.changes[:, :, varying]).sum(axis=3) @ weights[varying]
     return fixed, own_reach, weights
-
-
-def _levels(rows):
-    """Return the least and the largest entries in the blocks of each level (M, d, K)."""
-    low, high, levels = rows, rows, []
-    while not levels or len(levels[-1][0]) > 1:
-        room = np.zeros((2, -(-len(low) // BLOCK) * BLOCK, rows.shape[1]))
-        room[0, : len(low)], room[1, : len(low)] = low, high
-        levels.append(room.reshape(2, -1, BLOCK, rows.shape[1]).transpose(0, 1, 3, 2))
-        starts = np.arange(0, len(low), BLOCK)
-        low, high = np.minimum.reduceat(low, starts), np.maximum.reduceat(high, starts)
-    return levels
 
 
 @merged
