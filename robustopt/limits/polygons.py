@@ -294,7 +294,10 @@ def edge_rows(polygons: Polygons, joints: int, names: int) -> tuple[Array, Array
     Returns:
         Rows (P, m, 3), and the number of the name of each column (m,).
     """
-    slots, width = _edge_slots(polygons.vertices, polygons.rows, polygons.names, polygons.sizes, joints, names)
+    slots, width = np.full(polygons.names.shape, -1), np.zeros(names, dtype=np.int64)
+    _find_slots(
+        polygons.vertices, polygons.rows, polygons.names, polygons.sizes, joints, slots, width, np.zeros_like(width)
+    )
     first = np.cumsum(width) - width
     rows = np.zeros((len(polygons.sizes), width.sum(), 3))
     rows[:, :, 2] = -1.0
@@ -302,17 +305,23 @@ def edge_rows(polygons: Polygons, joints: int, names: int) -> tuple[Array, Array
     return rows, np.repeat(np.arange(names), width)
 
 
-@compiled()
-def _edge_slots(vertices, rows, edge_names, count, joints, names):
-    """Return the number of each edge among the edges of its name, and the number of edges per name.
+@compiled(_nrt=False)
+def _find_slots(vertices, rows, edge_names, count, joints, slots, width, used):
+    """Set the number of each edge among the edges of its name, and the number of edges per name.
 
-    Edges that are no rows have number -1, (P, V). The second array is the largest number of edges at one grid point for
-    each name, (names,).
+    Args:
+        vertices: vertices of the polygons (P, V, 2).
+        rows: rows of their edges (P, V, 3).
+        edge_names: number of the name of each edge (P, V).
+        count: number of edges (P,).
+        joints: names below this number are velocity bounds, which become no rows.
+        slots: set to the number of each edge that is a row; of others it is -1 (P, V).
+        width: set to the largest number of edges at one grid point for each name (names,).
+        used: work array (names,).
     """
-    slots, width = np.full(edge_names.shape, -1), np.zeros(names, np.int64)
-    used = np.zeros(names, np.int64)
     for i in range(len(count)):
-        used[:] = 0
+        for name in range(len(used)):
+            used[name] = 0
         n = count[i]
         width_u, width_x = 0.0, 0.0
         for k in range(n):
@@ -330,10 +339,9 @@ def _edge_slots(vertices, rows, edge_names, count, joints, names):
             slots[i, k] = used[name]
             used[name] += 1
             width[name] = max(width[name], used[name])
-    return slots, width
 
 
-@compiled()
+@compiled(_nrt=False)
 def _place(edges, edge_names, count, slots, first, rows):
     """Put the edges that are rows into their columns."""
     for i in range(len(count)):
