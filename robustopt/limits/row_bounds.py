@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from robustopt.arrays import Array, Indices
-from robustopt.compiled import compiled_inner, merged
+from robustopt.compiled import compiled, compiled_inner, merged
 from robustopt.limits.row_values import own_part
 
 BLOCK = 16
@@ -75,23 +75,24 @@ def _levels(rows):
         counts.append(count)
     first, least = np.cumsum([0, *counts]), np.cumsum([0, *counts[:1], *(2 * count for count in counts[1:])])
     entries, sizes = np.zeros((least[-1], rows.shape[1], BLOCK)), np.zeros((first[-1], rows.shape[1], BLOCK))
-    low = high = rows
-    for level, count in enumerate(counts):
-        size = np.abs(rows) if level == 0 else np.maximum(-low, high)
-        for k, part in enumerate((low,) if level == 0 else (low, high)):
-            _place(part, entries[least[level] + k : least[level + 1] : 1 if level == 0 else 2])
-        _place(size, sizes[first[level] : first[level + 1]])
-        starts = np.arange(0, len(low), BLOCK)
-        low, high = np.minimum.reduceat(low, starts), np.maximum.reduceat(high, starts)
+    _fill(len(rows), first, least, rows.copy(), rows.copy(), entries, sizes)
     return first, least, entries, sizes
 
 
-def _place(rows, blocks):
-    """Write rows (R, d) to blocks (M, d, K) of zeros."""
-    whole, rest = divmod(len(rows), BLOCK)
-    blocks[:whole] = rows[: whole * BLOCK].reshape(whole, BLOCK, rows.shape[1]).transpose(0, 2, 1)
-    if rest:
-        blocks[whole, :, :rest] = rows[whole * BLOCK :].T
+@compiled(_nrt=False)
+def _fill(count, first, least, low, high, entries, sizes):
+    """Fill the levels of blocks; low and high hold the rows, and then the least and largest entries of each block."""
+    for level in range(len(first) - 1):
+        for r in range(count):
+            m, k = r // BLOCK, r % BLOCK
+            place = least[level] + (m if level == 0 else 2 * m)
+            for j in range(low.shape[1]):
+                a, b = low[r, j], high[r, j]
+                entries[place, j, k], sizes[first[level] + m, j, k] = a, max(-a, b)
+                if level > 0:
+                    entries[place + 1, j, k] = b
+                low[m, j], high[m, j] = (a, b) if k == 0 else (min(low[m, j], a), max(high[m, j], b))
+        count = (count + BLOCK - 1) // BLOCK
 
 
 def _reach(rows):
@@ -167,14 +168,17 @@ def _set_six(entries, sizes, least, upper, m, central, reach, g, value):
     w3, w4, w5 = central[g, 3], central[g, 4], central[g, 5]
     e0, e1, e2 = least + upper * (w0 > 0.0), least + upper * (w1 > 0.0), least + upper * (w2 > 0.0)
     e3, e4, e5 = least + upper * (w3 > 0.0), least + upper * (w4 > 0.0), least + upper * (w5 > 0.0)
-    for k in range(BLOCK):
-        v = w0 * entries[e0, 0, k] + w1 * entries[e1, 1, k] + w2 * entries[e2, 2, k]
-        value[k] = v + w3 * entries[e3, 3, k] + w4 * entries[e4, 4, k] + w5 * entries[e5, 5, k]
     if len(reach):
         r0, r1, r2, r3, r4, r5 = reach[g, 0], reach[g, 1], reach[g, 2], reach[g, 3], reach[g, 4], reach[g, 5]
         for k in range(BLOCK):
-            v = r0 * sizes[m, 0, k] + r1 * sizes[m, 1, k] + r2 * sizes[m, 2, k]
-            value[k] += v + r3 * sizes[m, 3, k] + r4 * sizes[m, 4, k] + r5 * sizes[m, 5, k]
+            v = w0 * entries[e0, 0, k] + w1 * entries[e1, 1, k] + w2 * entries[e2, 2, k]
+            v += w3 * entries[e3, 3, k] + w4 * entries[e4, 4, k] + w5 * entries[e5, 5, k]
+            v += r0 * sizes[m, 0, k] + r1 * sizes[m, 1, k] + r2 * sizes[m, 2, k]
+            value[k] = v + r3 * sizes[m, 3, k] + r4 * sizes[m, 4, k] + r5 * sizes[m, 5, k]
+    else:
+        for k in range(BLOCK):
+            v = w0 * entries[e0, 0, k] + w1 * entries[e1, 1, k] + w2 * entries[e2, 2, k]
+            value[k] = v + w3 * entries[e3, 3, k] + w4 * entries[e4, 4, k] + w5 * entries[e5, 5, k]
 
 
 @compiled_inner(fastmath={"contract"}, forceinline=True)

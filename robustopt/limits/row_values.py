@@ -29,28 +29,36 @@ def find_margin(rows, b, f, i, work):
     """Set the margins of row B[b, f] to what the interval terms that depend on neither u nor x add to it at most."""
     if work.known[f] != i:
         work.known[f] = i
-        _find_margin(rows, b, f, i, work)
+        _find_margin(rows.B, rows.base_terms, rows.constant, rows.constant_group, b, f, i, work.margins)
+        if rows.changes.shape[3]:
+            _add_changes(rows, b, f, i, work)
 
 
-@compiled_inner()
-def _find_margin(rows, b, f, i, work):
-    B, base_terms, constant, group, values = rows.B, rows.base_terms, rows.constant, rows.constant_group, work.values
-    for g in range(len(values)):
-        values[g] = 0.0
+@compiled_inner(forceinline=True)
+def _find_margin(B, base_terms, constant, group, b, f, i, margins):
+    for g in range(margins.shape[1]):
+        margins[f, g] = 0.0
     for k in range(len(group)):
         product = base_terms[i, f, k] if base_terms.shape[0] else 0.0
         for j in range(B.shape[2]):
             product += B[b, f, j] * constant[i, j, k]
-        values[group[k]] += abs(product)
-    if rows.changes.shape[3]:
-        find_changes(rows, b, f, i, work.changes)
-        for e in range(work.changes.shape[1]):
-            add_largest_changes(work.changes, e, len(values), rows.group, rows.usual, rows.round, work.both, values)
-    for g in range(len(values)):
-        work.margins[f, g] = values[g]
+        margins[f, group[k]] += abs(product)
 
 
 @compiled_inner()
+def _add_changes(rows, b, f, i, work):
+    """Add to the margins how much the interval terms and second moments can grow by each acceleration error."""
+    values = work.values
+    for g in range(len(values)):
+        values[g] = 0.0
+    find_changes(rows, b, f, i, work.changes)
+    for e in range(work.changes.shape[1]):
+        add_largest_changes(work.changes, e, len(values), rows.group, rows.usual, rows.round, work.both, values)
+    for g in range(len(values)):
+        work.margins[f, g] += values[g]
+
+
+@compiled_inner(forceinline=True)
 def _find_products(B, b, f, wrenches, margins, products):
     """Set the products of row B[b, f] with the columns, whose nominal ones include the margins."""
     for k in range(len(products)):
