@@ -53,7 +53,7 @@ def compiled_inner(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 
 
 def merged(function: Callable[..., Any]) -> Any:
-    """Return a function whose code becomes part of each compiled function that calls it, with the options of the latter.
+    """Return a function whose code becomes part of each compiled caller, and has the options of the caller.
 
     A compiled function passes all stages of compilation again within its caller, and in the caller's caller, and so on.
     This one passes them only within functions that are compiled themselves: it suits what is called at one place.

@@ -55,8 +55,8 @@ def empty_draft():
 @merged
 def read(polygons, i, draft):
     """Copy polygon i into a draft; return the number of its vertices."""
-    V, R, L, kept, vertices, rows = draft.vertices, draft.rows, draft.names, draft.kept, polygons.vertices, polygons.rows
-    n = polygons.sizes[i]
+    V, R, L, kept = draft.vertices, draft.rows, draft.names, draft.kept
+    vertices, rows, n = polygons.vertices, polygons.rows, polygons.sizes[i]
     for k in range(n):
         V[k, 0], V[k, 1] = vertices[i, k, 0], vertices[i, k, 1]
         R[k, 0], R[k, 1], R[k, 2], L[k] = rows[i, k, 0], rows[i, k, 1], rows[i, k, 2], polygons.names[i, k]

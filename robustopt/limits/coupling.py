@@ -113,7 +113,8 @@ def row_work(rows):
     (_, F, d), C, G, E = rows.B.shape, len(rows.group), len(rows.lowest), rows.changes.shape[3]
     return RowWork(
         np.zeros((C, d)), np.zeros(C), np.zeros(G), np.zeros((F, G)), np.full(F, -1), np.ones(C), np.zeros(G),
-        np.zeros((C, E)), np.zeros(G), np.zeros(E, np.int64), *np.zeros((4, E)), np.zeros(12),
+        np.zeros((C, E)), np.zeros(G), np.zeros(E, np.int64), np.zeros(E), np.zeros(E), np.zeros(E), np.zeros(E),
+        np.zeros(12),
     )  # fmt: skip
 
 
@@ -241,9 +242,7 @@ def exact_value(rows, b, f, i, work):
             for k in range(count):
                 goal[chosen[k]] = worst[chosen[k]]
         _go_to_goal(count, work)
-        value = value_of(
-            work.products, rows.group, rows.usual, rows.round, rows.lowest, rows.highest, work.values, 0.0
-        )
+        value = value_of(work.products, rows.group, rows.usual, rows.round, rows.lowest, rows.highest, work.values, 0.0)
         if step == 0 or (step < corners and value > largest):
             largest = value
             for k in range(count):

@@ -156,7 +156,8 @@ def _worst_row(rows, b, i, u, x, work, blocks):
     bounds = blocks.bounds
     levels, width = bounds.shape
     worst, violation = -1, TOLERANCE
-    level, m, k = levels - 1, 0, -1  # place among the blocks of block m of a level, -1 if their bounds have not been found
+    # the place is k among the blocks of block m of a level, or -1 if their bounds have not been found
+    level, m, k = levels - 1, 0, -1
     while level < levels:
         if k < 0:
             find_bounds(rows, b, i, u, x, work.wrenches, blocks, level, m)

@@ -36,6 +36,7 @@ def find_margin(rows, b, f, i, work):
 
 @compiled_inner(forceinline=True)
 def _find_margin(B, base_terms, constant, group, b, f, i, margins):
+    """Set the margins of row B[b, f] to the share of the constant interval terms."""
     for g in range(margins.shape[1]):
         margins[f, g] = 0.0
     for k in range(len(group)):

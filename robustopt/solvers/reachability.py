@@ -14,6 +14,7 @@ import time
 
 import numpy as np
 
+from robustopt.arrays import Array
 from robustopt.compiled import compiled, compiled_inner, merged
 from robustopt.limits import TimeScalingProblem
 from robustopt.solvers.interior_point import polish
@@ -82,7 +83,7 @@ def _gather(a, b, c, i, step, A, B, C):
 
 @compiled_inner(error_model="numpy")
 def _extreme_x(A, B, C, m, x_max, sign, order):
-    """Return the largest (sign 1.0) or smallest (sign -1.0) x in [0, x_max] with A u + B x + C <= 0 for some u, else nan.
+    """Return the largest or smallest x in [0, x_max] with A u + B x + C <= 0 for some u, else nan; sign: 1.0 or -1.0.
 
     This is incremental linear programming in two variables (Seidel): a violated row moves the optimum onto its line.
     `order` is the order of the rows; indices from m on are skipped. A violated row moves to the front, because a row
