@@ -580,9 +580,7 @@ def test_stops_are_looked_at_and_empty_intervals_are_not() -> None:
     x, u = np.tile(plan.x, 2) * 0.5, np.concatenate([plan.u, [0.0], plan.u]) * 0.5
     piece = np.zeros(len(s), dtype=np.intp)
     u = 2 * 2 * u
-    stopping = SimpleNamespace(
-        s=s, piece=piece, x=2 * x, u=u, u_end=u, change=0 * u, steady=True, problem=plan.problem
-    )
+    stopping = SimpleNamespace(s=s, piece=piece, x=2 * x, u=u, u_end=u, change=0 * u, steady=True, problem=plan.problem)
     at = instants(stopping, (0.5,))
     assert np.count_nonzero(at.free == 0.0) == 4
     assert len(at.s) == 20 * 3 + 4

@@ -1,4 +1,4 @@
-"""Jerk-limited plans: closed form of one axis, two formulations, what holds between samples, certificate, executions."""
+"""Jerk-limited plans: closed form of one axis, two formulations, samples, certificate, executions."""
 
 from __future__ import annotations
 

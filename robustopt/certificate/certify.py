@@ -223,7 +223,9 @@ def certify(plan: Plan, level: str = "quick", seed: int = 0, config: Config | No
     )
 
 
-def _check(plan: Plan, task: Task, world: World, at: Instants, how: Level, rng: np.random.Generator, tally: Tally) -> int:
+def _check(
+    plan: Plan, task: Task, world: World, at: Instants, how: Level, rng: np.random.Generator, tally: Tally
+) -> int:
     """Check all limits, and return the number of random samples."""
     moving, joints = motion(task, at, world.links)
     robot, count = task.robot, len(at.s)

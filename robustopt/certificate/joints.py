@@ -23,8 +23,8 @@ from robustopt.robot.joint_limits import JointLimits
 from robustopt.solvers import Plan
 
 JUMP_TIME = 1e-6
-"""Time that a jump of the acceleration is taken to last [s]: rounding errors of a continuous one stay far below a limit,
-and a jump far above."""
+"""Time that a jump of the acceleration is taken to last [s]: with it, rounding errors of a continuous acceleration stay
+far below a limit, and a jump is far above."""
 
 
 def check_kinematics(world: World, joints: Joints, free: Array, limits: JointLimits, tally: Tally) -> None:

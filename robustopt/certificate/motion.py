@@ -1,7 +1,7 @@
 """Motion of the joints, the base and the frames of all bodies at T instants of a plan.
 
-u = sdd is constant on an interval of the grid and x = sd^2 is linear in s; with jerk limits, u is linear in time. So the
-motion in between is known exactly.
+u = sdd is constant on an interval of the grid and x = sd^2 is linear in s; with jerk limits, u is linear in time. So
+the motion in between is known exactly.
 Each interval is checked at both of its ends, with its own u and the x of the grid point, and at points in between. At
 standstills, the two ends and inner stops of the path, there is one more instant with u = 0.
 """
@@ -63,7 +63,7 @@ def instants(plan: Plan, between: Sequence[float]) -> Instants:
 
     Args:
         plan: the plan.
-        between: instants within an interval, as shares of its length, or of its time if u changes on it, without 0 and 1.
+        between: instants within an interval, as shares of its length, without 0 and 1; of its time if u changes.
     """
     ds = np.diff(plan.s)
     root = np.sqrt(np.maximum(plan.x, 0.0))
@@ -92,7 +92,9 @@ def instants(plan: Plan, between: Sequence[float]) -> Instants:
         x=np.concatenate([np.maximum(x, 0.0), none]),
         u=np.concatenate([u, none]),
         rate=np.concatenate([rate, none]),
-        inside=np.concatenate([np.clip(way, first + INSIDE * (last - first), last - INSIDE * (last - first)), s[len(way) :]]),
+        inside=np.concatenate(
+            [np.clip(way, first + INSIDE * (last - first), last - INSIDE * (last - first)), s[len(way) :]]
+        ),
         grid=np.concatenate([(share == 0.0) | (share == 1.0), none == 0.0]),
         free=np.concatenate([np.ones(len(interval)), none]),
         node=node.ravel(),
@@ -102,13 +104,16 @@ def instants(plan: Plan, between: Sequence[float]) -> Instants:
 
 
 def interval_times(plan: Plan) -> Array:
-    """Return the time of each interval (P - 1,) [s]: 2 h / (sd + sd'), with h = ds but for a change of u, see `_cubic`."""
+    """Return the time of each interval (P - 1,) [s].
+
+    If u is constant it is 2 ds / (sd + sd'). Else ds = (sd + sd') dt / 2 - (u' - u) dt^2 / 12.
+    """
     ds, root = np.diff(plan.s), np.sqrt(np.maximum(plan.x, 0.0))
     both = root[:-1] + root[1:]
     with np.errstate(divide="ignore", invalid="ignore"):
         if plan.steady:
             return np.where(ds > 0.0, 2.0 * ds / both, 0.0)
-        # ds = both dt / 2 - (u' - u) dt^2 / 12: the smaller root, in the form that does not cancel
+        # the smaller root, in the form that does not cancel
         part = np.maximum(0.25 * both**2 - plan.change * ds / 3.0, 0.0)
         return np.where(ds > 0.0, 2.0 * ds / (0.5 * both + np.sqrt(part)), 0.0)
 

@@ -15,6 +15,7 @@ KEY, ROOT = "robot.limits_file", "joint_limits"
 KINDS = {
     "velocity": ("has_velocity_limits", "max_velocity"),
     "acceleration": ("has_acceleration_limits", "max_acceleration"),
+    "jerk": ("has_jerk_limits", "max_jerk"),
 }
 """Limits that are read: our kind, MoveIt's key of whether there is one, and of its value."""
 

@@ -14,10 +14,10 @@ The slacks of the program are
     dt -+ ((q''' x + 3 q'' u) r + q' (u' - u)) / J     for each joint at both ends and in the middle of each interval,
                                                       with r = sqrt(x) dt.
 
-The rows of the mean keep u from alternating about a point at which a limit does not depend on u; the last slack is the jerk of a joint times dt, with the limit J. While the barrier of a given weight is minimised, h
-and r are constants; r hardly changes if a timing becomes faster or slower as a whole. Then the only curved term of a
-jerk row is dt, which is convex in (x, x'): its tangent lies below it, so the Newton matrix leaves its curvature out and
-stays positive definite.
+The rows of the mean keep u from alternating about a point at which a limit does not depend on u. The last slack is that
+of the limit J on a joint's jerk, times dt / J. While the barrier of a given weight is minimised, h and r are constants;
+r hardly changes if a timing becomes faster or slower as a whole. Then the only curved term of a jerk row is dt, which is
+convex in (x, x'): its tangent lies below it, so the Newton matrix leaves its curvature out and stays positive definite.
 """
 
 from __future__ import annotations
@@ -28,7 +28,6 @@ import numpy as np
 
 from robustopt.arrays import Array
 from robustopt.compiled import compiled
-
 
 PLACES = (0.0, 0.5, 1.0)
 """Places within an interval at which jerk is limited; x and u are interpolated there."""
@@ -194,7 +193,7 @@ def _add_points(rows, x, u, gradient, own):
 
 @compiled()
 def _of_interval(rows, i, reach, x, u, weight, dt, g, H):
-    """Set the derivatives (4,), (4, 4) with respect to (x, u, x', u') of the terms of interval i; H above its diagonal."""
+    """Set the derivatives g (4,) and H (4, 4), its upper triangle, of interval i with respect to (x, u, x', u')."""
     p, q = np.sqrt(x[i]), np.sqrt(x[i + 1])
     rate = dt / (p + q)
     fall, fall_after = 0.5 * rate / p, 0.5 * rate / q  # minus the slopes of dt

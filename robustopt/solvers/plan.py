@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robustopt.arrays import Array, Flags, Indices
+from robustopt.arrays import Array, Indices
 from robustopt.compiled import compiled
 from robustopt.config.margin import has_intervals
 from robustopt.limits import TimeScalingProblem
-from robustopt.limits.names import LimitName
 from robustopt.views import view
 
 if TYPE_CHECKING:
@@ -248,9 +247,7 @@ def timed_plan(
     return Plan(Status.SOLVED, message, method, problem.s, problem.piece, x, u, change, duration, problem, statistics)
 
 
-def jerk_plan(
-    problem: TimeScalingProblem, x: Array, sdd: Array, method: str, statistics: Mapping[str, float]
-) -> Plan:
+def jerk_plan(problem: TimeScalingProblem, x: Array, sdd: Array, method: str, statistics: Mapping[str, float]) -> Plan:
     """Return the plan of a solution in which sdd changes at a constant rate on each interval.
 
     Args:

@@ -1,6 +1,6 @@
 """Timed trajectory of a plan: sampling in closed form, exports, and the share of time in which each limit binds.
 
-On each interval of the grid sdd changes at a constant rate sddd_i, which is 0 without jerk limits, so with tau = t - t_i
+On each interval of the grid sdd changes at a constant rate sddd_i, 0 without jerk limits, so with tau = t - t_i
 
     s(t) = s_i + sd_i tau + u_i tau^2 / 2 + sddd_i tau^3 / 6,    sd(t) = sd_i + u_i tau + sddd_i tau^2 / 2,
 
