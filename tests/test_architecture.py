@@ -69,6 +69,7 @@ LAYERS = [
     ["solvers/build"],
     ["solvers"],
     ["solvers/batch", "solvers/remedies", "solvers/trajectory"],
+    ["exports"],
     ["solvers/diagnosis"],
     ["solvers/contact_forces"],
     ["certificate"],
