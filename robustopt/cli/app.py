@@ -8,7 +8,6 @@ import signal
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -24,6 +23,19 @@ from robustopt.cli.commands import (
     learn_task,
     make_plan,
     print_dry_run,
+)
+from robustopt.cli.options import (
+    Backend,
+    ConfigFile,
+    Effort,
+    ExecutorName,
+    Json,
+    Method,
+    Out,
+    Overrides,
+    Quiet,
+    Seed,
+    Workers,
 )
 from robustopt.cli.terminal import Output, fail, own_stdout, prepare_streams, print_json, show, show_runs
 from robustopt.errors import ConfigError, RobustOptError
@@ -45,49 +57,6 @@ app = typer.Typer(
     epilog="Exit codes: 0 done, 2 configuration or usage, 3 infeasible, 4 solver or certificate failed, "
     "5 simulation failed, 130 interrupted.",
 )
-
-
-class Method(StrEnum):
-    """Solvers."""
-
-    ipopt = "ipopt"
-    reachability = "reachability"
-
-
-class Backend(StrEnum):
-    """Schedulers of trials."""
-
-    processes = "processes"
-    dask = "dask"
-
-
-class ExecutorName(StrEnum):
-    """Executors of a learner's plans."""
-
-    simulation = "simulation"
-    manual = "manual"
-
-
-class Effort(StrEnum):
-    """Efforts of a certificate."""
-
-    quick = "quick"
-    full = "full"
-
-
-ConfigFile = Annotated[Path, typer.Argument(metavar="CONFIG", help="YAML file of the task; see docs/configuration.md")]
-Overrides = Annotated[
-    list[str] | None,
-    typer.Argument(metavar="KEY=VALUE", help="set keys to other values, e.g. contact.friction=0.3 'uncertainty={}'"),
-]
-Out = Annotated[
-    Path | None,
-    typer.Option(help="write into this folder, new or empty; default: results/NAME/TIME", show_default=False),
-]
-Seed = Annotated[int | None, typer.Option(help="set the seed of all random numbers", show_default=False)]
-Json = Annotated[bool, typer.Option("--json", help="print one JSON object instead of text, also for errors")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="print nothing but errors")]
-Workers = Annotated[int, typer.Option(min=1, help="number of worker processes; each runs cores / N simulation threads")]
 
 
 def _print_version(wanted: bool) -> None:
