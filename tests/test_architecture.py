@@ -105,7 +105,7 @@ LAYERS = [
     ["runs/store"],
     ["runs/origin"],
     ["runs/plan_run", "runs/stored_plan"],
-    ["runs/execution_run"],
+    ["runs/execution_run", "runs/export_run"],
     ["runs/journal"],
     ["runs/beliefs", "runs/executors", "runs/manual"],
     ["runs/campaign"],

@@ -20,6 +20,7 @@ from robustopt.cli.commands import (
     check_task,
     execute_new,
     execute_stored,
+    export_stored,
     learn_task,
     make_plan,
     print_dry_run,
@@ -29,11 +30,13 @@ from robustopt.cli.options import (
     ConfigFile,
     Effort,
     ExecutorName,
+    FormatName,
     Json,
     Method,
     Out,
     Overrides,
     Quiet,
+    RunFolder,
     Seed,
     Workers,
 )
@@ -227,16 +230,33 @@ def validate(config: ConfigFile, overrides: Overrides = None, json: Json = False
 
 
 @app.command()
-def report(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="run folder of robustopt")],
-    json: Json = False,
-    quiet: Quiet = False,
-) -> int:
+def report(run: RunFolder, json: Json = False, quiet: Quiet = False) -> int:
     """Print the summary of a stored run."""
     from robustopt.runs.store import read_summary
 
     show(read_summary(run), run, Output(json, quiet))
     return 0
+
+
+@app.command()
+def export(
+    run: RunFolder,
+    format: Annotated[FormatName, typer.Option(help="format of the file")] = FormatName.ros,
+    period: Annotated[
+        float | None, typer.Option(help="time between samples [s]; default: output.period", show_default=False)
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="write this file; default: one in the run folder. A .yaml file is YAML", show_default=False),
+    ] = None,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> int:
+    """Write the motion of a stored plan for a controller.
+
+    The motion is slowed down uniformly, so that it ends on a whole period.
+    """
+    return export_stored(run, format.value, period, out, Output(json, quiet))
 
 
 def _changes(overrides: Sequence[str] | None, method: Method | None, seed: int | None) -> list[str]:

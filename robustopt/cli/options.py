@@ -37,11 +37,22 @@ class Effort(StrEnum):
     full = "full"
 
 
+class FormatName(StrEnum):
+    """Formats of exported motions."""
+
+    csv = "csv"
+    ros = "ros"
+    moveit = "moveit"
+    urscript = "urscript"
+    npz = "npz"
+
+
 ConfigFile = Annotated[Path, typer.Argument(metavar="CONFIG", help="YAML file of the task; see docs/configuration.md")]
 Overrides = Annotated[
     list[str] | None,
     typer.Argument(metavar="KEY=VALUE", help="set keys to other values, e.g. contact.friction=0.3 'uncertainty={}'"),
 ]
+RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="run folder of robustopt")]
 Out = Annotated[
     Path | None,
     typer.Option(help="write into this folder, new or empty; default: results/NAME/TIME", show_default=False),

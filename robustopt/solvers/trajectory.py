@@ -203,14 +203,27 @@ def sample_times(duration: float, period: float) -> Array:
     Raises:
         ConfigError: the period is not positive and finite, or so short that there are more than `MOST_SAMPLES`.
     """
+    require_period(duration, period)
+    full_steps = max(int(np.ceil(duration / period - MERGE)), 1)
+    return np.append(np.arange(full_steps) * period, duration)
+
+
+def require_period(duration: float, period: float) -> None:
+    """Check the period of samples.
+
+    Args:
+        duration: duration of the trajectory [s].
+        period: time between samples [s].
+
+    Raises:
+        ConfigError: the period is not positive and finite, or so short that there are more than `MOST_SAMPLES`.
+    """
     _require_positive("period", period)
     if duration > MOST_SAMPLES * period:
         raise ConfigError(
             f"found {period!r} s, which gives more than {MOST_SAMPLES:,} samples; expected a longer period",
             key="period",
         )
-    full_steps = max(int(np.ceil(duration / period - MERGE)), 1)
-    return np.append(np.arange(full_steps) * period, duration)
 
 
 def binding_shares(plan: Plan) -> dict[str, float]:
