@@ -64,7 +64,7 @@ def joint_waypoints(config: Config, joint_names: tuple[str, ...], hinges: Flags)
     """
     path = config.path
     recordings = _recordings(config, joint_names)
-    q = _joined([recording.q for recording in recordings], path.joint_files)
+    q = _joined([recording.q for recording in recordings], path.joint_files, joint_names)
     if path.unit == "degrees":
         q = np.where(hinges, np.radians(q), q)
     _require_moderate(q)
@@ -108,7 +108,7 @@ def _recordings(config: Config, joints: tuple[str, ...]) -> list[Recording]:
     return [Recording(np.array(path.joint_rows).reshape(-1, len(joints)))]
 
 
-def _joined(parts: Sequence[Array], files: Sequence[str]) -> Array:
+def _joined(parts: Sequence[Array], files: Sequence[str], names: Sequence[str]) -> Array:
     """Return the waypoints of files in turn; the start of each is moved onto the end of the one before.
 
     Raises:
@@ -121,7 +121,8 @@ def _joined(parts: Sequence[Array], files: Sequence[str]) -> Array:
             raise PathError(f"{files[empty]}: has no waypoints; expected some", key=KEY)
         gaps = np.abs(part[0] - parts[i - 1][-1])
         if gaps.max() > SAME_PLACE:
-            gap = f"{files[i]}: begins {gaps.max():.4g} from the end of {files[i - 1]} (joint {gaps.argmax() + 1})"
+            joint = names[int(gaps.argmax())]
+            gap = f"{files[i]}: begins {gaps.max():.4g} from the end of {files[i - 1]} (joint {joint})"
             raise PathError(f"{gap}; expected its first waypoint to be the last one of the file before", key=KEY)
         joined += [parts[i - 1][-1:], part[1:]]
     return np.concatenate(joined)

@@ -96,9 +96,7 @@ def _positions(file: Path, points: Sequence[dict[str, Any]], n: int) -> Array:
     bad = np.argwhere(~np.isfinite(values))
     if len(bad):
         i, j = bad[0]
-        count = (
-            "1 position is not a finite number" if len(bad) == 1 else f"{len(bad):,} positions are no finite numbers"
-        )
+        count = counted(len(bad), "position is not a finite number", "positions are not finite numbers")
         raise refused(file, f"{count}; first: {str(rows[i][j])[:40]!r} in points[{i}]")
     return values
 
