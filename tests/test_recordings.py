@@ -172,7 +172,9 @@ def test_repeated_rows_can_be_stops(load):
     waypoints = load(("w.csv", DWELL), repeated="stop")
     assert len(waypoints.q) == 4
     assert list(waypoints.stops) == [1]
-    assert waypoints.notes == ("6 waypoints repeat the one before; the robot stops at 1 place for them",)
+    assert waypoints.notes == (
+        "6 waypoints repeat the one before; the robot stops at 1 place between start and end for them",
+    )
 
 
 def test_a_robot_rests_at_a_stop_of_its_list():

@@ -83,8 +83,9 @@ def joint_waypoints(config: Config, joint_names: tuple[str, ...], hinges: Flags)
             [ConfigProblem(f"{KEY}[{i}]", f"repeats joints[{i - 1}]; leave one of them out") for i in repeated]
         )
     if dropped > 0:
-        stopping = f"the robot stops at {counted(len(stops), 'place', 'places')} for them"
-        way = stopping if path.repeated == "stop" else "dropped; path.repeated: stop keeps them as stops"
+        way = "dropped; path.repeated: stop keeps them as stops"
+        if path.repeated == "stop":
+            way = f"the robot stops at {counted(len(stops), 'place', 'places')} between start and end for them"
         notes.append(f"{counted(dropped, 'waypoint repeats', 'waypoints repeat')} the one before; {way}")
     doubt = _doubt(q[:, hinges], path.unit == "degrees")
     durations = [recording.duration for recording in recordings]
