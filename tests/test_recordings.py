@@ -319,7 +319,7 @@ def test_a_gap_between_files_is_an_error(refused):
 @pytest.mark.parametrize(
     ("path", "told"),
     [
-        ({"joints": ["a.csv", [0, 0]]}, "found 1 names of files and 1 waypoints; expected either files or waypoints"),
+        ({"joints": ["a.csv", [0, 0]]}, "found names of files among waypoints; expected either files or waypoints"),
         ({"joints": ["a.csv", 3]}, "path.joints[1]: found 3; expected a list of numbers, or text"),
         ({"joints": "a.csv", "unit": "deg"}, "path.unit: found the text 'deg'; expected one of radians, degrees"),
         ({"tray_poses": [{"position": [0, 0, 0]}, {"position": [1, 0, 0]}], "unit": "degrees"},

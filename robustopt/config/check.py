@@ -184,8 +184,7 @@ def _path(config: Config) -> Iterator[Finding]:
 
 def _joints(path: PathConfig) -> Iterator[Finding]:
     if path.joint_files and path.joint_rows:
-        found = f"found {len(path.joint_files):,} names of files and {len(path.joint_rows):,} waypoints"
-        yield ("path", "joints"), f"{found}; expected either files or waypoints"
+        yield ("path", "joints"), "found names of files among waypoints; expected either files or waypoints"
     elif not path.joint_files:
         yield from _waypoints(("path", "joints"), path.joint_rows, repeats=path.repeated == "stop")
 

@@ -39,13 +39,15 @@ def _read_array(file: Path, layout: Layout) -> Recording:
     n = len(layout.joints)
     try:
         stored = np.lib.format.open_memmap(file, mode="r")  # no larger than the file, whatever its head says
-        if stored.dtype.kind not in "fiu" or stored.ndim != 2 or stored.shape[1] != n:
-            found = f"an array of shape {stored.shape} and type {stored.dtype}"
-            raise refused(file, f"{found}; expected one row per waypoint with {n} numbers: {', '.join(layout.joints)}")
-        require_few(file, len(stored))
-        q = np.array(stored, dtype=float)
-    except (ValueError, TypeError, SyntaxError, EOFError, OverflowError) as error:
+    except OSError:
+        raise
+    except Exception as error:  # numpy reads the head as Python, which can fail in many ways
         raise refused(file, f"cannot be read as an array: {' '.join(str(error).split())[:200]}") from None
+    if stored.dtype.kind not in "fiu" or stored.ndim != 2 or stored.shape[1] != n:
+        found = f"an array of shape {stored.shape} and type {stored.dtype}"
+        raise refused(file, f"{found}; expected one row per waypoint with {n} numbers: {', '.join(layout.joints)}")
+    require_few(file, len(stored))
+    q = np.array(stored, dtype=float)
     wrong = np.flatnonzero(~np.isfinite(q).all(axis=1))
     if len(wrong):
         rows = counted(len(wrong), "row has", "rows have")
