@@ -40,7 +40,7 @@ from robustopt.cli.options import (
     Seed,
     Workers,
 )
-from robustopt.cli.terminal import Output, fail, own_stdout, prepare_streams, print_json, show, show_runs
+from robustopt.cli.terminal import Output, fail, own_stdout, prepare_streams, print_json, show, show_robots, show_runs
 from robustopt.errors import ConfigError, RobustOptError
 from robustopt.interruption import INTERRUPTED, STOPS, Kept, interruptions, listen, on_interrupt
 from robustopt.processes import end_processes
@@ -211,6 +211,19 @@ def runs(
         print_json({"runs": [record.model_dump() for record in records]})
     else:
         show_runs(records, folder)
+    return 0
+
+
+@app.command()
+def robots(json: Json = False) -> int:
+    """List the robots that robot.model can name, and the joints of their longest chain."""
+    from robustopt.robot.listing import missing, robots
+
+    found = robots()
+    if json:
+        print_json({"robots": [vars(robot) for robot in found], "missing": missing()})
+    else:
+        show_robots(found, missing())
     return 0
 
 

@@ -9,7 +9,8 @@
 | dry friction | joint `frictionloss` | `dynamics friction` |
 | viscous friction | joint `damping` | `dynamics damping` |
 
-If a file bounds a torque twice, the smaller bound holds. The control range of a motor bounds its force.
+If a file bounds a torque twice, the smaller bound holds. The control range of a motor bounds its force. A joint with a
+torque limit needs no acceleration limit.
 """
 
 from __future__ import annotations
@@ -31,6 +32,8 @@ ACCELERATION_NUMERIC = "acceleration_limit"
 REQUIRED_UNITS = {"velocity": "rad/s or m/s", "acceleration": "rad/s^2 or m/s^2", "torque": "N m or N"}
 ROUNDING = 1e-6
 """Distance from its range at which a joint may be locked [rad or m]: files round the ends of ranges."""
+MOST_SINGLE = 3
+"""Most unknown joints that are errors one by one: a file of limits may be that of another robot."""
 FRICTIONS = ("dry_friction", "viscous_friction")
 
 
@@ -89,6 +92,8 @@ def joint_limits(config: Config, robot: RobotModel, names: tuple[str, ...]) -> J
     _require_locked_within(config, robot, limits)
     chosen = [joint_names(robot.original).index(name) for name in names]
     limits = {kind: values[chosen] for kind, values in limits.items()}
+    has_no_need = np.isnan(limits["acceleration"]) & np.isfinite(limits["torque"])
+    limits["acceleration"] = np.where(has_no_need, np.inf, limits["acceleration"])
     _require(config, robot, names, limits)
     if not config.robot.joint_friction:
         limits |= {name: np.zeros(len(names)) for name in FRICTIONS}
@@ -168,15 +173,12 @@ def _override(config: Config, robot: RobotModel, limits: dict[str, Array]) -> No
     given = config.robot.limits
     unknown = [name for name in given if name != "all" and name not in names]
     if unknown:
-        raise RobotError(
-            [
-                ConfigProblem(
-                    f"robot.limits.{name}",
-                    f"{robot.file.name} has no such joint; its joints are: {', '.join(names)} (or `all`)",
-                )
-                for name in unknown
-            ]
-        )
+        known = f"its joints are: {', '.join(names)} (or `all`)"
+        if len(unknown) > MOST_SINGLE:
+            message = f"{robot.file.name} has no joints {', '.join(unknown)}; {known}"
+            raise RobotError(message, key="robot.limits")
+        message = f"{robot.file.name} has no such joint; {known}"
+        raise RobotError([ConfigProblem(f"robot.limits.{name}", message) for name in unknown])
     for name in sorted(given, key=lambda name: name != "all"):
         joints = slice(None) if name == "all" else names.index(name)
         override = given[name]
