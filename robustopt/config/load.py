@@ -116,8 +116,8 @@ def resolved(config: Config) -> dict[str, Any]:
     data: dict[str, Any] = _plain(config.model_dump(exclude_none=True))
     if _is_file(config):
         data["robot"]["model"] = _absolute(config, config.robot.model)
-    if isinstance(config.path.joints, str):
-        data["path"]["joints"] = _absolute(config, config.path.joints)
+    if files := [_absolute(config, name) for name in config.path.joint_files]:
+        data["path"]["joints"] = files[0] if isinstance(config.path.joints, str) else files
     return data
 
 

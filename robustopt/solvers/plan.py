@@ -128,7 +128,7 @@ class Plan:
             Infeasible: the plan has no timing.
             ConfigError: the period is not positive, or too short.
         """
-        return view("robustopt.solvers.trajectory.export", self, folder, period)
+        return view("robustopt.exports.folder.write_folder", self, folder, period)
 
     def to_frame(self) -> DataFrame:
         """Return the plan at its grid points as a table: t, s, sd, sdd, q_<joint>, qd_<joint>, qdd_<joint>.
