@@ -255,8 +255,10 @@ def _time_of(s: Array) -> Array:
 def _residual(rows: PieceRows, h: Array, x: Array, u: Array) -> Array:
     """Return the residual of the equations of the intervals, each as a fraction of its smaller x, (n + 1,)."""
     first, last = rows.ends
-    off = [[first * u[0] - 2.0 / 3.0 * x[0]], np.diff(x) - h * (u[:-1] + u[1:]), [last * u[-1] + 2.0 / 3.0 * x[-1]]]
-    return np.concatenate(off) / _smaller(x)
+    off = np.empty(len(x) + 1)
+    off[0], off[-1] = first * u[0] - 2.0 / 3.0 * x[0], last * u[-1] + 2.0 / 3.0 * x[-1]
+    off[1:-1] = np.diff(x) - h * (u[:-1] + u[1:])
+    return off / _smaller(x)
 
 
 def _smaller(x: Array) -> Array:

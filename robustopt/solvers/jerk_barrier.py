@@ -16,8 +16,8 @@ The slacks of the program are
 
 The rows of the mean keep u from alternating about a point at which a limit does not depend on u. The last slack is that
 of the limit J on a joint's jerk, times dt / J. While the barrier of a given weight is minimised, h and r are constants;
-r hardly changes if a timing becomes faster or slower as a whole. Then the only curved term of a jerk row is dt, which is
-convex in (x, x'): its tangent lies below it, so the Newton matrix leaves its curvature out and stays positive definite.
+r hardly changes if a timing becomes faster or slower as a whole. Then the only curved term of a jerk row is dt. It is
+convex in (x, x'), above its tangents, so the Newton matrix leaves its curvature out and stays positive definite.
 """
 
 from __future__ import annotations
