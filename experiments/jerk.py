@@ -56,8 +56,9 @@ TEXT = """# Plans with jerk limits
 Written by `python experiments/jerk.py`.
 
 {table}
-- The tasks are those in `configs/`, two blocks with a friction of 0.25, planned by `reachability` on their grids, and each with the same jerk limit for all
-  joints; without a number, jerk is not limited. {trials} trials each, in the world of the section `execution`.
+- The tasks are those in `configs/`, two blocks with a friction of 0.25. They are planned by `reachability` on their
+  grids, each with the same jerk limit for all joints; without a number, jerk is not limited. {trials} trials each,
+  in the world of the section `execution`.
 - "Largest sampled jerk": difference of neighbouring samples of the planned joint accelerations, every {period:g} ms,
   per period. Without a limit it grows as the period shrinks.
 - "Tracking error": median over the trials of the largest distance of a joint from its planned position.
