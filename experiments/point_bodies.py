@@ -219,7 +219,7 @@ class Oracle:
 def oracles(plan: Plan, draws: int, rng: np.random.Generator) -> Iterator[Oracle]:
     """Yield the rows of every contact of objects at both ends of every interval, with random ends of the errors."""
     problem = plan.problem
-    u, x, points = interval_ends(problem, plan.x, plan.u)
+    u, x, points = interval_ends(plan)
     errors = _errors(plan, len(points) * draws, rng)
     each = list(zip(np.repeat(points, draws), np.repeat(u, draws), np.repeat(x, draws), errors, strict=True))
     motions = [mechanics.tray_motion(problem, *values) for values in each]

@@ -334,7 +334,7 @@ def _standing_rows(problem: TimeScalingProblem, box: Box, limit: Limit) -> Cuts:
 
 def _violated_rows(problem: TimeScalingProblem, box: Box, limit: Limit, plan: Plan, rng: np.random.Generator) -> Cuts:
     """Return the rows that a plan violates for the worst parameters found."""
-    u, x, points = interval_ends(problem, plan.x, plan.u)
+    u, x, points = interval_ends(plan)
     search = Search(problem, box, limit, points, np.stack([u, x, np.ones_like(u)], axis=1))
     value, row, z, ends = worst_draws(search, rng)
     hit = value > VIOLATION

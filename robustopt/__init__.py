@@ -33,11 +33,13 @@ if TYPE_CHECKING:
     from robustopt.errors import RunInUse as RunInUse
     from robustopt.errors import SimulationFailed as SimulationFailed
     from robustopt.errors import SolverFailed as SolverFailed
+    from robustopt.exports.write import Exported as Exported
     from robustopt.limits import TimeScalingProblem as TimeScalingProblem
     from robustopt.runs.campaign import Judgement as Judgement
     from robustopt.runs.campaign import Learned as Learned
     from robustopt.runs.campaign import learn as learn
     from robustopt.runs.executors import Executor as Executor
+    from robustopt.runs.export_run import export as export
     from robustopt.runs.journal import Execution as Execution
     from robustopt.runs.journal import Journal as Journal
     from robustopt.simulation import Executions as Executions
@@ -72,9 +74,11 @@ _NAMES = {
         "ConfigError", "ConfigProblem", "Infeasible", "PathError", "RobotError", "RobustOptError", "RunFolderError",
         "RunInUse", "SimulationFailed", "SolverFailed",
     ),
+    "robustopt.exports.write": ("Exported",),
     "robustopt.limits": ("TimeScalingProblem",),
     "robustopt.runs.campaign": ("Judgement", "Learned", "learn"),
     "robustopt.runs.executors": ("Executor",),
+    "robustopt.runs.export_run": ("export",),
     "robustopt.runs.journal": ("Execution", "Journal"),
     "robustopt.simulation": (
         "Executions", "Feedback", "ObjectOutcome", "Status as TrialStatus", "TrialOutcome", "Workers",

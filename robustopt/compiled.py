@@ -28,7 +28,7 @@ def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 
     def decorate(function: Callable[..., Any]) -> Any:
         try:
-            return nb.njit(cache=True, nogil=True, **options)(function)
+            return nb.njit(cache=True, nogil=True, no_cfunc_wrapper=True, **options)(function)
         except RuntimeError:  # no folder for the cache
             return nb.njit(nogil=True, **options)(function)
 
@@ -50,3 +50,15 @@ def compiled_inner(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     return nb.njit(
         nogil=True, **{**DEFAULTS, "_nrt": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True, **options}
     )
+
+
+def merged(function: Callable[..., Any]) -> Any:
+    """Return a function whose code becomes part of each compiled caller, and has the options of the caller.
+
+    A compiled function passes all stages of compilation again within its caller, and in the caller's caller, and so on.
+    This one passes them only within functions that are compiled themselves: it suits what is called at one place.
+
+    Args:
+        function: the function.
+    """
+    return nb.njit(inline="always")(function)

@@ -7,13 +7,14 @@ from html import escape
 
 import pandas as pd
 
+from robustopt.exports.tables import columns
 from robustopt.runs.campaign import Learned
 from robustopt.runs.execution_run import sentence
 from robustopt.runs.learning_summary import row_record
 from robustopt.runs.learning_summary import sentence as learned_sentence
 from robustopt.simulation import Executions, TrialOutcome
 from robustopt.solvers import Plan, Status
-from robustopt.solvers.trajectory import Trajectory, columns
+from robustopt.solvers.trajectory import Trajectory
 
 MOST_ROWS, MOST_COLUMNS = 10, 22
 """Rows and columns of a table that a notebook shows; the plan of six joints has 22 columns."""

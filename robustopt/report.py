@@ -78,7 +78,7 @@ def sections(data: Summary) -> list[tuple[str, list[Row]]]:
         ("Binding limits, share of the duration", _binding(data.binding)),
         ("Certificate", certificate_rows(data.certificate) if data.certificate else []),
         ("Why there is no plan", _diagnosis(data.diagnosis) if data.diagnosis else []),
-        ("Robot", [Row("note", note) for note in data.notes]),
+        ("Robot and path", [Row("note", note) for note in data.notes]),
         ("Grid", _grid(data.grid) if data.grid else []),
         ("Problem", rows(data.size.model_dump()) if data.size else []),
         ("Solution", rows(data.statistics)),

@@ -92,7 +92,8 @@ def timing(config: Config, path: Any, u: np.ndarray) -> Any:
     x = np.concatenate([[0.0], np.cumsum(2.0 * np.diff(s) * u)])
     x[-1] = 0.0 if abs(x[-1]) < 1e-12 else x[-1]
     problem = SimpleNamespace(path=path, robot=load_robot(config), config=config, limits=SimpleNamespace(laws={}))
-    return SimpleNamespace(s=s, piece=np.zeros(len(s), dtype=np.intp), x=x, u=u, problem=problem)
+    piece = np.zeros(len(s), dtype=np.intp)
+    return SimpleNamespace(s=s, piece=piece, x=x, u=u, u_end=u, change=0 * u, steady=True, problem=problem)
 
 
 def there_and_stop(config: Config, acceleration: float, path: Any = None, intervals: int = 10) -> Any:
@@ -578,7 +579,8 @@ def test_stops_are_looked_at_and_empty_intervals_are_not() -> None:
     s = np.concatenate([0.5 * plan.s, 0.5 + 0.5 * plan.s])
     x, u = np.tile(plan.x, 2) * 0.5, np.concatenate([plan.u, [0.0], plan.u]) * 0.5
     piece = np.zeros(len(s), dtype=np.intp)
-    stopping = SimpleNamespace(s=s, piece=piece, x=2 * x, u=2 * 2 * u, problem=plan.problem)
+    u = 2 * 2 * u
+    stopping = SimpleNamespace(s=s, piece=piece, x=2 * x, u=u, u_end=u, change=0 * u, steady=True, problem=plan.problem)
     at = instants(stopping, (0.5,))
     assert np.count_nonzero(at.free == 0.0) == 4
     assert len(at.s) == 20 * 3 + 4

@@ -340,7 +340,7 @@ JOINT_PATHS = [
     ("[[0, 1]]", "path.joints: found 1 waypoint; expected at least two"),
     ("[]", "path.joints: found 0 waypoints; expected at least two"),
     ("[[0, a], [1, 1]]", "path.joints[0][1]: found the text 'a'; expected a plain number"),
-    ("7", "path.joints: found 7; expected a list of lists of numbers, or text"),
+    ("7", "path.joints: found 7; expected a list of lists of numbers or texts, or text"),
 ]
 
 

@@ -397,7 +397,7 @@ def test_a_bridge_with_intervals_holds_at_random_corners_of_the_box(method: str)
     )
     plan = plan_of(waiter("bridge", "solver.collocation_points=30", uncertain), method)
     problem, rng = plan.problem, np.random.default_rng(0)
-    u, x, points = interval_ends(problem, plan.x, plan.u)
+    u, x, points = interval_ends(plan)
     (family,) = problem.limits.contacts
     reference, worst = family.system.interior * family.weight, -np.inf
     for draw in mechanics.random_draws(problem, 120, rng):
@@ -476,7 +476,7 @@ def test_no_facet_is_overlooked_where_another_dual_and_its_worst_parameters_agre
     if not with_facets:
         monkeypatch.setattr("robustopt.limits.cones.MOST_GENERATORS", 0)
     plan = plan_of(config, "ipopt")
-    u, x, points = interval_ends(plan.problem, plan.x, plan.u)
+    u, x, points = interval_ends(plan)
     for family in families:
         assert family.system.complete
         rows = family.system.facets / family.weight

@@ -102,7 +102,7 @@ def test_waypoints_in_a_file_are_bounded(folder, content, why):
     (folder / "way.csv").write_text(content)
     config = load_config({"name": "t", "robot": {"model": "tx90l"}, "path": {"joints": "way.csv"}})
     with pytest.raises(PathError, match=why):
-        joint_waypoints.joint_waypoints(config, ("a", "b"))
+        joint_waypoints.joint_waypoints(config, ("a", "b"), np.ones(2, dtype=bool))
 
 
 # Model files ----------------------------------------------------------------------------------------------

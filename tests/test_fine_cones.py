@@ -98,7 +98,7 @@ def test_a_plan_satisfies_the_rows_of_fine_cones_that_were_not_imposed() -> None
     plan = plan_of(TASKS["intervals"](), "reachability")
     (limit,) = plan.problem.limits.contacts
     assert len(limit.facets) < 0.05 * len(limit.system.facets)
-    u, x, points = interval_ends(plan.problem, plan.x, plan.u)
+    u, x, points = interval_ends(plan)
     rows = limit.system.facets / limit.weight
     assert evaluate(facet_family(rows, limit.loads, limit.system.kinds), points, u, x).max() < 1e-7
 

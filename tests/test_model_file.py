@@ -109,8 +109,12 @@ def test_impossible_numbers_of_an_mjcf_file_are_named(read, tmp_path, changes, c
         (joint('<mimic joint="elbow"/>'), "joint hinge: mimics 'elbow', but there is no such other joint"),
         (joint('<mimic joint="hinge"/>'), "joint hinge: mimics 'hinge'"),
         *(({"mass": value}, f"link arm: mass is '{value}'") for value in ("inf", "nan", "-1")),
-        ({"mass": "0"}, "Element name 'arm'"),
-        *(({"ixx": value}, f"link arm: inertia ixx is '{value}'") for value in ("inf", "nan", "-1")),
+        ({"mass": "0"}, "link arm: no body has its mass and principal moments of inertia, with all that is fixed to it "
+                        "0 kg and 1, 1, 1 kg m^2; expected a mass above 0"),
+        *(({"ixx": value}, f"link arm: inertia ixx is '{value}'") for value in ("inf", "nan")),
+        ({"ixx": "-1"}, "1 kg and -1, 1, 1 kg m^2; expected a mass above 0, no negative moment"),
+        ({"ixx": "4"}, "1 kg and 1, 1, 4 kg m^2; expected a mass above 0, no negative moment, and none above the sum "
+                       "of the other two: correct its <inertial>, or lock joint hinge (robot.locked: {hinge: ...})"),
         ({"com": "nan 0 0"}, "link arm: centre of mass is 'nan 0 0'"),
         ({"type": "screw"}, "joint hinge: found the type 'screw'; expected one of revolute, "),
         ({"parent": "nowhere"}, "joint hinge: there is no link 'nowhere' for its parent; expected one of base, arm"),

@@ -95,7 +95,7 @@ def fastest_plan(n=3, intervals=60, error=None):
     starts, ends = (a[k] * u[:, None] + b[k] * x[k, None] + c[k] for k in (slice(None, -1), slice(1, None)))
     binds = np.maximum(starts, ends) > -1e-6
     active = tuple(tuple(sorted({problem.row_names[k] for k in np.flatnonzero(row)})) for row in binds)
-    plan = SimpleNamespace(s=s, piece=problem.piece, x=x, u=u, active=active, message="", problem=problem)
+    plan = SimpleNamespace(s=s, piece=problem.piece, x=x, u=u, active=active, message="", problem=problem, steady=True)
     plan.duration = Trajectory.from_plan(plan).duration
     return plan
 

@@ -355,10 +355,18 @@ def test_what_is_left_out_of_a_urdf_is_noted() -> None:
 def test_missing_limits_are_named_with_their_joints_all_at_once() -> None:
     with pytest.raises(RobotError) as error:
         load(URDF)
-    velocity, acceleration = (problem.message for problem in error.value.problems)
+    (velocity,) = (problem.message for problem in error.value.problems)
     assert "velocity limit for slide;" in velocity
+    with pytest.raises(RobotError) as error:
+        load(URDF | {"limits": {"all": {"torque": np.inf}}})
+    velocity, acceleration = (problem.message for problem in error.value.problems)
     assert "acceleration limit for hinge, slide;" in acceleration
     assert "`robot.limits.all: {acceleration: ...}`" in acceleration
+
+
+def test_a_joint_with_a_torque_limit_needs_no_acceleration_limit() -> None:
+    robot = load(URDF | {"limits": {"slide": {"velocity": 0.7, "acceleration": 3.0}}})
+    np.testing.assert_array_equal(robot.limits.acceleration, [np.inf, 3.0])
 
 
 FLAGS = '<option><flag gravity="disable" contact="disable" constraint="disable" spring="disable"/></option>'

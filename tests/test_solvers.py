@@ -87,7 +87,7 @@ def test_contact_holds_on_all_facets_for_the_worst_parameters(name: str) -> None
     """Ipopt starts without contact rows and asks for them by inner programs: it must end inside all facets."""
     for method in METHODS:
         plan = solved(name, 60, method)
-        u, x, points = interval_ends(plan.problem, plan.x, plan.u)
+        u, x, points = interval_ends(plan)
         for family in plan.problem.limits.contacts:
             if family.system.complete:
                 rows = family.system.facets / family.weight
@@ -99,7 +99,7 @@ def test_contact_holds_on_all_facets_for_the_worst_parameters(name: str) -> None
 def test_torque_holds_exactly_with_its_viscous_part(name: str) -> None:
     for method in METHODS:
         plan = solved(name, 60, method)
-        assert plan.problem.torque_excess(*interval_ends(plan.problem, plan.x, plan.u)) <= 1e-6
+        assert plan.problem.torque_excess(*interval_ends(plan)) <= 1e-6
 
 
 def test_solving_twice_gives_the_same_plan() -> None:

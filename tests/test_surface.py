@@ -46,6 +46,8 @@ def run(file: Path) -> float:
     frames = [plan.to_frame(), executions.to_frame(), learned.to_frame()]
     figures = [plan.plot(), executions.plot(), learned.plot()]
     files: list[Path] = plan.export("folder")
+    exported: ro.Exported = ro.export(plan, format="csv", period=0.008)
+    files += [exported.file, ro.export("run", format="npz").file]
     print(certificate.worst.limit, statuses, frames[0].columns, figures[0].axes, files, ro.__version__)
     ro.solve(problem, methd="ipopt")  # wrong
     ro.solve(config)  # wrong
@@ -55,6 +57,7 @@ def run(file: Path) -> float:
     ro.certify(plan, sed=3)  # wrong
     ro.learn(config, worker=2)  # wrong
     plan.export()  # wrong
+    ro.export(plan, format="xml")  # wrong
     number: int = plan.message  # wrong
     print(number, plan.duratoin)  # wrong
     try:

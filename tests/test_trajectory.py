@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 
 from robustopt.errors import ConfigError, Infeasible, SolverFailed
+from robustopt.exports.messages import joint_trajectory
+from robustopt.exports.tables import write_plan_csv, write_trajectory_csv
 from robustopt.solvers.trajectory import (
     Trajectory,
     binding_shares,
     interval_durations,
-    joint_trajectory,
     sample_times,
-    write_plan_csv,
-    write_trajectory_csv,
 )
 
 
@@ -52,7 +51,7 @@ def make_plan(s, x, path, piece=None, active=None):
     robot = SimpleNamespace(joint_names=tuple(f"joint{k + 1}" for k in range(n)), n=n)
     active = tuple(() for _ in u) if active is None else active
     problem = SimpleNamespace(path=path, robot=robot)
-    return SimpleNamespace(s=s, x=x, u=u, piece=piece, active=active, message="", problem=problem)
+    return SimpleNamespace(s=s, x=x, u=u, piece=piece, active=active, message="", problem=problem, steady=True)
 
 
 def bang_bang_plan(acceleration=4.0, intervals=10):
@@ -302,6 +301,10 @@ def test_shares_sum_to_one():
 # exports --------------------------------------------------------------------------------------------------------------
 
 
+def message_of(plan, period):
+    return joint_trajectory(Trajectory.from_plan(plan).every(period), plan.problem.robot.joint_names)
+
+
 def read_csv(path):
     with open(path, newline="", encoding="utf-8") as file:
         header, *rows = csv.reader(file)
@@ -337,7 +340,7 @@ def test_trajectory_csv_has_the_controller_period(tmp_path):
 
 
 def test_joint_trajectory_has_the_shape_of_the_ros_message():
-    message = json.loads(json.dumps(joint_trajectory(two_sweeps_plan(), 0.001)))
+    message = json.loads(json.dumps(message_of(two_sweeps_plan(), 0.001)))
     assert set(message) == {"header", "joint_names", "points"}
     assert message["header"] == {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}
     assert message["joint_names"] == ["joint1"]
@@ -349,7 +352,7 @@ def test_joint_trajectory_has_the_shape_of_the_ros_message():
 
 def test_joint_trajectory_times_increase_and_carry_into_seconds():
     plan = make_plan([0.0, 1.0], [0.16, 0.16], LinePath([1.0]))
-    times = [point["time_from_start"] for point in joint_trajectory(plan, 0.1)["points"]]
+    times = [point["time_from_start"] for point in message_of(plan, 0.1)["points"]]
     nanoseconds = [time["sec"] * 10**9 + time["nanosec"] for time in times]
     assert nanoseconds == [100_000_000 * k for k in range(26)]
     assert all(0 <= time["nanosec"] < 10**9 for time in times)

@@ -292,7 +292,7 @@ def test_weak_joints_slow_a_plan_down_also_where_both_feet_share_the_load() -> N
     for found in plans:
         sharing = sharing_of(found.problem)
         assert sharing.rows
-        u, x, points = interval_ends(found.problem, found.x, found.u)
+        u, x, points = interval_ends(found)
         assert SharingSearch(np.ones(N, dtype=bool)).missing_rows(sharing, points, u, x)[0] == []
     margins = certify(plans[0]).margins  # on the grid, which is too coarse for what is in between
     assert min(margin.on_grid for margin in margins.values()) > -1e-6

@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from robustopt.certificate import names
-from robustopt.certificate.joints import KnownTorques, check_kinematics, check_torque
-from robustopt.certificate.motion import Instants, instants, motion, stances
+from robustopt.certificate.joints import KnownTorques, check_jerk, check_kinematics, check_torque
+from robustopt.certificate.motion import Instants, instants, interval_times, motion, stances
 from robustopt.certificate.places import check_places
 from robustopt.certificate.samples import check_samples
 from robustopt.certificate.shared_torque import check_shared_torque
@@ -206,7 +206,7 @@ def certify(plan: Plan, level: str = "quick", seed: int = 0, config: Config | No
     world = build_world(task.config, task.robot, task.path, stances(task.path, at))
     tally = Tally(at.grid)
     _check_timing(plan, at, tally)
-    samples = _check(task, world, at, how, np.random.default_rng(seed), tally)
+    samples = _check(plan, task, world, at, how, np.random.default_rng(seed), tally)
     worst = _worst(tally, at)
     return Certificate(
         passed=all(_passes(found, on_grid) for (_, on_grid), found in tally.worst.items()),
@@ -223,12 +223,15 @@ def certify(plan: Plan, level: str = "quick", seed: int = 0, config: Config | No
     )
 
 
-def _check(task: Task, world: World, at: Instants, how: Level, rng: np.random.Generator, tally: Tally) -> int:
+def _check(
+    plan: Plan, task: Task, world: World, at: Instants, how: Level, rng: np.random.Generator, tally: Tally
+) -> int:
     """Check all limits, and return the number of random samples."""
     moving, joints = motion(task, at, world.links)
     robot, count = task.robot, len(at.s)
     limits = task.limits.torque[robot.motors]
     check_kinematics(world, joints, at.free, task.limits, tally)
+    check_jerk(plan, task, at, tally)
     check_places(task, at, tally)
     starts = [world.nominal.repeated(count)]
     starts += [world.sample(rng, count, corners=True) for _ in range(how.starts if world.uncertain else 0)]
@@ -257,10 +260,15 @@ def _check(task: Task, world: World, at: Instants, how: Level, rng: np.random.Ge
 
 
 def _check_timing(plan: Plan, at: Instants, tally: Tally) -> None:
-    """Check that x is piecewise linear with slope 2 u, is not negative, and is 0 at every standstill."""
+    """Check that x and u are those of a motion, that x is not negative, and that it is 0 at every standstill."""
     ds = np.diff(plan.s)
     moving = ds > 0.0
-    jump = np.where(moving, np.abs(np.diff(plan.x) - 2.0 * ds * plan.u), 0.0)
+    if plan.steady:
+        change = 2.0 * ds * plan.u
+    else:
+        root = np.sqrt(np.maximum(plan.x, 0.0))
+        change = 0.5 * (plan.u + plan.u_end) * interval_times(plan) * (root[:-1] + root[1:])
+    jump = np.where(moving, np.abs(np.diff(plan.x) - change), 0.0)
     still = np.ones(len(plan.s), dtype=bool)
     still[1:-1] = ~moving[:-1] | ~moving[1:]
     off = np.maximum(np.where(still, np.abs(plan.x), 0.0), -plan.x)

@@ -14,11 +14,17 @@ import numpy as np
 from robustopt.arrays import Array, Indices
 from robustopt.certificate.bodies import Parameters
 from robustopt.certificate.loads import Functional, Load, at_lowest, body_loads
-from robustopt.certificate.motion import Joints, Motion
+from robustopt.certificate.motion import Instants, Joints, Motion
 from robustopt.certificate.tally import Found, Tally
+from robustopt.certificate.task import Task
 from robustopt.certificate.world import World
 from robustopt.limits.names import LimitKind, LimitName
 from robustopt.robot.joint_limits import JointLimits
+from robustopt.solvers import Plan
+
+JUMP_TIME = 1e-6
+"""Time that a jump of the acceleration is taken to last [s]: with it, rounding errors of a continuous acceleration stay
+far below a limit, and a jump is far above."""
 
 
 def check_kinematics(world: World, joints: Joints, free: Array, limits: JointLimits, tally: Tally) -> None:
@@ -40,6 +46,38 @@ def check_kinematics(world: World, joints: Joints, free: Array, limits: JointLim
                 name = LimitName(kind, joint)
                 tally.add(name, Found(float(utilisation[j, t]), t, name, parameters))
         tally.tests += utilisation.size
+
+
+def check_jerk(plan: Plan, task: Task, at: Instants, tally: Tally) -> None:
+    """Check the jerk of the joints within the intervals, and that their acceleration does not jump in between.
+
+    Args:
+        plan: the plan.
+        task: robot, path and limits.
+        at: the instants.
+        tally: receives the worst utilisations.
+    """
+    robot, limits = task.robot, task.limits.jerk
+    chosen = np.flatnonzero(np.isfinite(limits))
+    if not len(chosen):
+        return
+    piece, speed = at.node_piece[at.node], np.sqrt(at.x)
+    q1, q2, q3 = (
+        task.path.evaluate(s, piece, order)[:, chosen].T for s, order in ((at.s, 1), (at.s, 2), (at.inside, 3))
+    )
+    jerk = np.abs(q3 * speed**3 + 3.0 * q2 * speed * at.u + q1 * at.rate)
+    after, before = np.r_[plan.u, 0.0], np.r_[0.0, plan.u_end]  # 0 at rest and on the intervals without length
+    jumps = np.abs(after - before) / JUMP_TIME
+    where = np.flatnonzero(at.grid)
+    nearest = where[np.argmin(np.abs(at.s[where][None] - plan.s[:, None]), axis=1)]
+    rate = np.abs(task.path.evaluate(plan.s, plan.piece, 1))[:, chosen]
+    for k, j in enumerate(chosen):
+        name = LimitName(LimitKind.JERK, robot.joint_names[j])
+        for t in tally.peaks(jerk[k], np.arange(len(at.s))):
+            tally.add(name, Found(float(jerk[k, t] / limits[j]), t, name, {}))
+        jumped = int(np.argmax(rate[:, k] * jumps))
+        tally.add(name, Found(float(rate[jumped, k] * jumps[jumped] / limits[j]), int(nearest[jumped]), name, {}))
+    tally.tests += jerk.size + rate.size
 
 
 def _position(position: Array, low: Array, high: Array) -> Array:

@@ -1,6 +1,7 @@
 """Motion of the joints, the base and the frames of all bodies at T instants of a plan.
 
-u = sdd is constant on an interval of the grid and x = sd^2 is linear in s, so the motion in between is known exactly.
+u = sdd is constant on an interval of the grid and x = sd^2 is linear in s; with jerk limits, u is linear in time. So
+the motion in between is known exactly.
 Each interval is checked at both of its ends, with its own u and the x of the grid point, and at points in between. At
 standstills, the two ends and inner stops of the path, there is one more instant with u = 0.
 """
@@ -22,6 +23,9 @@ from robustopt.solvers import Plan
 CARRIER = "robustopt carrier"
 """Name of the frame that all objects are attached to; frames of links have the names of their bodies."""
 
+INSIDE = 1e-6
+"""Distance from the ends of an interval, as a part of it, at which q''' is evaluated."""
+
 
 @dataclass(frozen=True, eq=False)
 class Instants:
@@ -32,6 +36,8 @@ class Instants:
         t: time [s].
         x: sd^2 [1/s^2].
         u: sdd [1/s^2].
+        rate: sddd [1/s^3].
+        inside: position along the path within the interval, near s: q''' may jump at a grid point.
         grid: True at a grid point.
         free: 1 if the robot moves; 0 if it stands still and has no acceleration error.
         node: index of the node, one of the P distinct positions at which dynamics are needed.
@@ -43,6 +49,8 @@ class Instants:
     t: Array
     x: Array
     u: Array
+    rate: Array
+    inside: Array
     grid: Flags
     free: Array
     node: Indices
@@ -55,39 +63,80 @@ def instants(plan: Plan, between: Sequence[float]) -> Instants:
 
     Args:
         plan: the plan.
-        between: instants within an interval, as shares of its length, without 0 and 1.
+        between: instants within an interval, as shares of its length, without 0 and 1; of its time if u changes.
     """
     ds = np.diff(plan.s)
     root = np.sqrt(np.maximum(plan.x, 0.0))
     moving = np.flatnonzero(ds > 0.0)
     duration = np.zeros(len(ds))
-    with np.errstate(divide="ignore"):
-        duration[moving] = 2.0 * ds[moving] / (root[moving] + root[moving + 1])
+    duration[moving] = interval_times(plan)[moving]
     begin = np.concatenate([[0.0], np.cumsum(duration)])
     shares = np.array([0.0, 1.0, *between])
     interval, share = (values.ravel() for values in np.meshgrid(moving, shares, indexing="ij"))
-    x = plan.x[interval] + 2.0 * share * ds[interval] * plan.u[interval]
-    x = np.where(share == 0.0, plan.x[interval], np.where(share == 1.0, plan.x[interval + 1], x))
-    way = root[interval] + np.sqrt(np.maximum(x, 0.0))
-    t = begin[interval] + np.divide(2.0 * share * ds[interval], way, out=np.zeros_like(x), where=way > 0.0)
+    at = _linear(plan, root, interval, share) if plan.steady else _cubic(plan, root, duration, interval, share)
+    way, x, u, tau, rate = at
+    way, x = (
+        np.where(share == 0.0, values[interval], np.where(share == 1.0, values[interval + 1], inner))
+        for values, inner in ((plan.s, way), (plan.x, x))
+    )
     stops = np.flatnonzero(ds == 0.0)
     still = np.unique(np.concatenate([[0, len(plan.s) - 1], stops, stops + 1]))
-    s = np.concatenate([plan.s[interval] + share * ds[interval], plan.s[still]])
-    s[: len(interval)][share == 1.0] = plan.s[interval + 1][share == 1.0]
+    s = np.concatenate([way, plan.s[still]])
     piece = np.concatenate([plan.piece[interval], plan.piece[still]])
     nodes, node = np.unique(np.column_stack([piece, s]), axis=0, return_inverse=True)
     none = np.zeros(len(still))
+    first, last = plan.s[interval], plan.s[interval + 1]
     return Instants(
         s=s,
-        t=np.concatenate([t, begin[still]]),
+        t=np.concatenate([begin[interval] + tau, begin[still]]),
         x=np.concatenate([np.maximum(x, 0.0), none]),
-        u=np.concatenate([plan.u[interval], none]),
+        u=np.concatenate([u, none]),
+        rate=np.concatenate([rate, none]),
+        inside=np.concatenate(
+            [np.clip(way, first + INSIDE * (last - first), last - INSIDE * (last - first)), s[len(way) :]]
+        ),
         grid=np.concatenate([(share == 0.0) | (share == 1.0), none == 0.0]),
         free=np.concatenate([np.ones(len(interval)), none]),
         node=node.ravel(),
         node_s=nodes[:, 1],
         node_piece=nodes[:, 0].astype(np.intp),
     )
+
+
+def interval_times(plan: Plan) -> Array:
+    """Return the time of each interval (P - 1,) [s].
+
+    If u is constant it is 2 ds / (sd + sd'). Else ds = (sd + sd') dt / 2 - (u' - u) dt^2 / 12.
+    """
+    ds, root = np.diff(plan.s), np.sqrt(np.maximum(plan.x, 0.0))
+    both = root[:-1] + root[1:]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        if plan.steady:
+            return np.where(ds > 0.0, 2.0 * ds / both, 0.0)
+        # the smaller root, in the form that does not cancel
+        part = np.maximum(0.25 * both**2 - plan.change * ds / 3.0, 0.0)
+        return np.where(ds > 0.0, 2.0 * ds / (0.5 * both + np.sqrt(part)), 0.0)
+
+
+def _linear(plan: Plan, root: Array, interval: Indices, share: Array) -> tuple[Array, Array, Array, Array, Array]:
+    """Return s, x, u, time since the start of the interval and sddd at shares of the lengths of intervals (T,)."""
+    ds = np.diff(plan.s)
+    x = plan.x[interval] + 2.0 * share * ds[interval] * plan.u[interval]
+    x = np.where(share == 0.0, plan.x[interval], np.where(share == 1.0, plan.x[interval + 1], x))
+    way = root[interval] + np.sqrt(np.maximum(x, 0.0))
+    tau = np.divide(2.0 * share * ds[interval], way, out=np.zeros_like(x), where=way > 0.0)
+    return plan.s[interval] + share * ds[interval], x, plan.u[interval], tau, np.zeros_like(x)
+
+
+def _cubic(
+    plan: Plan, root: Array, duration: Array, interval: Indices, share: Array
+) -> tuple[Array, Array, Array, Array, Array]:
+    """Return s, x, u, time since the start of the interval and sddd at shares of the times of intervals (T,)."""
+    tau, u = share * duration[interval], plan.u[interval]
+    rate = plan.change[interval] / duration[interval]
+    s = plan.s[interval] + tau * (root[interval] + tau * (u / 2.0 + tau * rate / 6.0))
+    speed = root[interval] + tau * (u + tau * rate / 2.0)
+    return s, speed**2, u + tau * rate, tau, rate
 
 
 class Series:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import inf, nan
+from math import inf, isfinite, isnan, nan
 from typing import Any
 
 import numpy as np
@@ -92,15 +92,19 @@ def configured_limits(config: Config, robot: Robot) -> JointLimits:
     for name in robot.joint_names[robot.motors]:
         k, own = known.index(name), config.robot.limits.get(name)
         filed = _filed(model, k) | urdf.get(name, {})
-        for kind, column in columns.items():
+        chosen: dict[str, float] = {}
+        for kind in columns:
             key = {"lower": "position", "upper": "position"}.get(kind, kind)
             given = next((v for it in (own, every) if it and (v := getattr(it, key)) is not None), None)
             if key == "position":
                 given = given and given[kind == "upper"]
-            value = filed[kind] if given is None else given
-            if np.isnan(value):
+            chosen[kind] = filed[kind] if given is None else given
+        if isfinite(chosen["torque"]) and isnan(chosen["acceleration"]):
+            chosen["acceleration"] = inf
+        for kind, column in columns.items():
+            if isnan(chosen[kind]):
                 raise RobotError(f"{name} has no {kind} limit", key=f"robot.limits.{name}")
-            column.append(value if config.robot.joint_friction or not kind.endswith("friction") else 0.0)
+            column.append(chosen[kind] if config.robot.joint_friction or not kind.endswith("friction") else 0.0)
     return JointLimits(**{kind: np.array(column) for kind, column in columns.items()}).behind_base(robot.base)
 
 
@@ -127,6 +131,7 @@ def _filed(model: Any, k: int) -> dict[str, float]:
         "lower": float(low),
         "upper": float(high),
         **{kind: value if value > 0.0 else nan for kind, value in speeds.items()},
+        "jerk": inf,
         "torque": min(bounds, default=nan),
         "dry_friction": float(model.dof_frictionloss[dof]),
         "viscous_friction": float(np.ravel(model.dof_damping[dof])[0]),

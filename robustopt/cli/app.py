@@ -8,7 +8,6 @@ import signal
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -21,11 +20,27 @@ from robustopt.cli.commands import (
     check_task,
     execute_new,
     execute_stored,
+    export_stored,
     learn_task,
     make_plan,
     print_dry_run,
 )
-from robustopt.cli.terminal import Output, fail, own_stdout, prepare_streams, print_json, show, show_runs
+from robustopt.cli.options import (
+    Backend,
+    ConfigFile,
+    Effort,
+    ExecutorName,
+    FormatName,
+    Json,
+    Method,
+    Out,
+    Overrides,
+    Quiet,
+    RunFolder,
+    Seed,
+    Workers,
+)
+from robustopt.cli.terminal import Output, fail, own_stdout, prepare_streams, print_json, show, show_robots, show_runs
 from robustopt.errors import ConfigError, RobustOptError
 from robustopt.interruption import INTERRUPTED, STOPS, Kept, interruptions, listen, on_interrupt
 from robustopt.processes import end_processes
@@ -45,49 +60,6 @@ app = typer.Typer(
     epilog="Exit codes: 0 done, 2 configuration or usage, 3 infeasible, 4 solver or certificate failed, "
     "5 simulation failed, 130 interrupted.",
 )
-
-
-class Method(StrEnum):
-    """Solvers."""
-
-    ipopt = "ipopt"
-    reachability = "reachability"
-
-
-class Backend(StrEnum):
-    """Schedulers of trials."""
-
-    processes = "processes"
-    dask = "dask"
-
-
-class ExecutorName(StrEnum):
-    """Executors of a learner's plans."""
-
-    simulation = "simulation"
-    manual = "manual"
-
-
-class Effort(StrEnum):
-    """Efforts of a certificate."""
-
-    quick = "quick"
-    full = "full"
-
-
-ConfigFile = Annotated[Path, typer.Argument(metavar="CONFIG", help="YAML file of the task; see docs/configuration.md")]
-Overrides = Annotated[
-    list[str] | None,
-    typer.Argument(metavar="KEY=VALUE", help="set keys to other values, e.g. contact.friction=0.3 'uncertainty={}'"),
-]
-Out = Annotated[
-    Path | None,
-    typer.Option(help="write into this folder, new or empty; default: results/NAME/TIME", show_default=False),
-]
-Seed = Annotated[int | None, typer.Option(help="set the seed of all random numbers", show_default=False)]
-Json = Annotated[bool, typer.Option("--json", help="print one JSON object instead of text, also for errors")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="print nothing but errors")]
-Workers = Annotated[int, typer.Option(min=1, help="number of worker processes; each runs cores / N simulation threads")]
 
 
 def _print_version(wanted: bool) -> None:
@@ -243,6 +215,19 @@ def runs(
 
 
 @app.command()
+def robots(json: Json = False) -> int:
+    """List the robots that robot.model can name, and the joints of their longest chain."""
+    from robustopt.robot.listing import missing, robots
+
+    found = robots()
+    if json:
+        print_json({"robots": [vars(robot) for robot in found], "missing": missing()})
+    else:
+        show_robots(found, missing())
+    return 0
+
+
+@app.command()
 def validate(config: ConfigFile, overrides: Overrides = None, json: Json = False, quiet: Quiet = False) -> int:
     """Check a configuration, its robot and its path.
 
@@ -258,16 +243,33 @@ def validate(config: ConfigFile, overrides: Overrides = None, json: Json = False
 
 
 @app.command()
-def report(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="run folder of robustopt")],
-    json: Json = False,
-    quiet: Quiet = False,
-) -> int:
+def report(run: RunFolder, json: Json = False, quiet: Quiet = False) -> int:
     """Print the summary of a stored run."""
     from robustopt.runs.store import read_summary
 
     show(read_summary(run), run, Output(json, quiet))
     return 0
+
+
+@app.command()
+def export(
+    run: RunFolder,
+    format: Annotated[FormatName, typer.Option(help="format of the file")] = FormatName.ros,
+    period: Annotated[
+        float | None, typer.Option(help="time between samples [s]; default: output.period", show_default=False)
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="write this file; default: one in the run folder. A .yaml file is YAML", show_default=False),
+    ] = None,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> int:
+    """Write the motion of a stored plan for a controller.
+
+    The motion is slowed down uniformly, so that it ends on a whole period.
+    """
+    return export_stored(run, format.value, period, out, Output(json, quiet))
 
 
 def _changes(overrides: Sequence[str] | None, method: Method | None, seed: int | None) -> list[str]:

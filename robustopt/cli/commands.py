@@ -28,6 +28,7 @@ from robustopt.interruption import INTERRUPTED, Kept, interruptions, stop_if_int
 
 if TYPE_CHECKING:
     from robustopt.config import Config
+    from robustopt.exports.write import Format
     from robustopt.runs.campaign import Learned
     from robustopt.runs.execution_run import ExecutionResult
     from robustopt.runs.journal import Journal
@@ -159,6 +160,25 @@ def _end_execution(data: Summary, place: Path, output: Output) -> int:
     show(data, place, output)
     code = data.status.exit_code
     return Kept(code) if code == INTERRUPTED else code
+
+
+# Exporting ------------------------------------------------------------------------------------------------
+
+
+def export_stored(folder: Path, format: Format, period: float | None, out: Path | None, output: Output) -> int:
+    """Write the motion of a stored plan into a file."""
+    with status("reading the run", output.silent):
+        from robustopt.runs.export_run import export
+
+        result = export(folder, format=format, period=period, out=out)
+        stop_if_interrupted()
+    if output.json:
+        print_json(vars(result) | {"file": str(result.file)})
+    elif not output.quiet:
+        print(f"{result.file}: {result.samples:,} samples every {result.period:.6g} s, {result.duration:.6g} s")
+        for note in result.notes:
+            print(f"note: {note}")
+    return 0
 
 
 # Learning -------------------------------------------------------------------------------------------------

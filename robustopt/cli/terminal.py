@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from robustopt.robot.listing import ListedRobot
     from robustopt.runs.campaign import Learned
     from robustopt.runs.listing import Listed
     from robustopt.runs.records import Summary
@@ -197,6 +198,24 @@ def show_runs(records: Sequence[Listed], folder: Path) -> None:
         cells = (record.kind, record.state, record.status, duration, created, record.folder)
         table.add_row(*(Text(str(cell or "")) for cell in cells))
     print_whole(table, console())
+
+
+def show_robots(robots: Sequence[ListedRobot], missing: Mapping[str, str]) -> None:
+    """Print a table of robots, and the ways to get those of the sources that are missing."""
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    from robustopt.report import print_whole
+
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=0)
+    for head in ("robot.model", "source", "joints of the longest chain"):
+        table.add_column(Text(head), justify="right" if head.startswith("joints") else "left", no_wrap=True)
+    for robot in robots:
+        table.add_row(*(Text(str(cell)) for cell in (robot.name, robot.source, robot.joints)))
+    print_whole(table, console())
+    for source, remedy in missing.items():
+        print(f"not found: {source}; {remedy}")
 
 
 def print_json(data: dict[str, Any]) -> None:

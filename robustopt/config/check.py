@@ -13,7 +13,7 @@ from robustopt.config.document import Finding, Key, show_key, split_key
 from robustopt.config.held_check import check_held
 from robustopt.config.model import Config
 from robustopt.config.object_model import ObjectConfig, TrayConfig, contact_names
-from robustopt.config.path_model import FramePose
+from robustopt.config.path_model import FramePose, PathConfig
 from robustopt.config.per_name import value_of
 from robustopt.config.scene_check import check_scene, same_scene
 from robustopt.config.step_check import check_steps
@@ -174,18 +174,30 @@ def _path(config: Config) -> Iterator[Finding]:
             yield key, f"found {len(path.poses):,} poses; expected at most {MOST_POSES:,}"
     elif path.steps is not None and len(path.steps) > MOST_STEPS:
         yield ("path", "steps"), f"found {len(path.steps):,} steps; expected at most {MOST_STEPS:,}"
-    elif not isinstance(path.joints, str) and path.joints is not None:
-        yield from _waypoints(("path", "joints"), path.joints)
+    elif path.joints is not None:
+        yield from _joints(path)
+    if path.joints is None:
+        for name in ("unit", "repeated"):
+            if getattr(path, name) != PathConfig.model_fields[name].default:
+                yield ("path", name), f"not allowed with {given[0]}; expected it with joints only"
 
 
-def _waypoints(key: Key, waypoints: Sequence[Sequence[float]]) -> Iterator[Finding]:
+def _joints(path: PathConfig) -> Iterator[Finding]:
+    if path.joint_files and path.joint_rows:
+        yield ("path", "joints"), "found names of files among waypoints; expected either files or waypoints"
+    elif not path.joint_files:
+        yield from _waypoints(("path", "joints"), path.joint_rows, repeats=path.repeated == "stop")
+
+
+def _waypoints(key: Key, waypoints: Sequence[Sequence[float]], repeats: bool = False) -> Iterator[Finding]:
+    """Yield mistakes in a list of waypoints, in which one may follow itself if `repeats`."""
     name = show_key(key)
     if len(waypoints) < 2:
         yield key, f"found {len(waypoints)} waypoint{'' if len(waypoints) == 1 else 's'}; expected at least two"
     for i, (first, second) in enumerate(pairwise(waypoints)):
         if len(first) != len(second):
             yield (*key, i + 1), f"found {len(second)} joint positions; expected {len(first)} as in {name}[{i}]"
-        elif max((abs(a - b) for a, b in zip(first, second, strict=True)), default=0.0) <= RESOLUTION:
+        elif not repeats and max((abs(a - b) for a, b in zip(first, second, strict=True)), default=0.0) <= RESOLUTION:
             yield (*key, i + 1), f"found the same waypoint as {name}[{i}]; expected it once"
 
 

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from robustopt.config.document import Document, Key, read_file, read_text, split_key, write_yaml
-from robustopt.config.model import Config
+from robustopt.config.limits_file import with_limits_file
+from robustopt.config.model import ROBOT_SOURCES, Config
 from robustopt.config.validate import validate, with_sections
 from robustopt.errors import ConfigError
 from robustopt.models import MODELS
@@ -36,7 +37,7 @@ def load_config(source: Source, overrides: Sequence[str] = (), folder: str | Pat
     file = _file(source)
     if folder is None:
         folder = file.parent if file is not None else "."
-    return validate(_document(source, overrides), Path(folder).absolute())
+    return with_limits_file(validate(_document(source, overrides), Path(folder).absolute()))
 
 
 def located(error: ConfigError, source: Source, overrides: Sequence[str] = ()) -> ConfigError:
@@ -86,10 +87,10 @@ def with_values(config: Config, values: Mapping[str, Any]) -> Config:
     document = Document(data=_plain(config.model_dump(include=sections, exclude_none=True)))
     _assign(document, keys, values)
     if not document.problems and (changed := with_sections(config, document.data)) is not None:
-        return changed
+        return with_limits_file(changed)
     document = Document(data=_plain(config.model_dump(exclude_none=True)))
     _assign(document, keys, values)
-    return validate(document, config.folder)
+    return with_limits_file(validate(document, config.folder))
 
 
 def _assign(document: Document, keys: Mapping[str, Key], values: Mapping[str, Any]) -> None:
@@ -115,16 +116,16 @@ def resolved(config: Config) -> dict[str, Any]:
     data: dict[str, Any] = _plain(config.model_dump(exclude_none=True))
     if _is_file(config):
         data["robot"]["model"] = _absolute(config, config.robot.model)
-    if isinstance(config.path.joints, str):
-        data["path"]["joints"] = _absolute(config, config.path.joints)
+    if files := [_absolute(config, name) for name in config.path.joint_files]:
+        data["path"]["joints"] = files[0] if isinstance(config.path.joints, str) else files
     return data
 
 
 def _is_file(config: Config) -> bool:
-    """Return whether the robot model is a file relative to the configuration, neither shipped nor in a ROS package."""
+    """Return whether the robot model is a file relative to the configuration, neither shipped nor of a package."""
     model = config.robot.model
     shipped = (MODELS / f"{model}.xml").is_file()
-    return not shipped and not model.startswith("package://")
+    return not shipped and model.partition(":")[0] not in ("package", *ROBOT_SOURCES)
 
 
 def _absolute(config: Config, name: str) -> str:

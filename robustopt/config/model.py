@@ -41,6 +41,10 @@ BASE_COORDINATES = 6
 """Number of coordinates of a floating base, which come before the joints."""
 
 
+ROBOT_SOURCES = ("example-robot-data", "menagerie", "robosuite", "dm_control")
+"""Sources of robots that `robot.model: SOURCE:NAME` names."""
+
+
 class JointLimitOverride(Section):
     """Limits and friction of a joint, in place of the model's."""
 
@@ -50,6 +54,9 @@ class JointLimitOverride(Section):
     velocity: Limit | None = Field(default=None, description="largest joint speed; `.inf` for no limit [rad/s or m/s]")
     acceleration: Limit | None = Field(
         default=None, description="largest joint acceleration; `.inf` for no limit [rad/s^2 or m/s^2]"
+    )
+    jerk: Limit | None = Field(
+        default=None, description="largest joint jerk; none by default, or `.inf` [rad/s^3 or m/s^3]"
     )
     torque: Limit | None = Field(
         default=None, description="largest joint torque or force; `.inf` for no limit [N m or N]"
@@ -75,7 +82,8 @@ class RobotConfig(Section):
     """The robot: its model, tool, base and limits."""
 
     model: str = Field(
-        description="name of a shipped robot (tx90l, humanoid), or an MJCF or URDF file relative to the configuration"
+        description="name of a shipped robot (tx90l, humanoid), an MJCF or URDF file relative to the configuration, "
+        "`package://NAME/...`, or SOURCE:NAME of `robustopt robots`, such as `example-robot-data:panda`"
     )
     tool: str | tuple[str, ...] = Field(
         default="flange",
@@ -99,6 +107,11 @@ class RobotConfig(Section):
         default={},
         description="joint limits by joint name, which replace those of the model; the name `all` applies to every "
         "joint",
+    )
+    limits_file: str | None = Field(
+        default=None,
+        description="file in the format of MoveIt's joint_limits.yaml, relative to the configuration, with limits of "
+        "velocity and acceleration, which replace those of the model; `limits` replaces them in turn",
     )
     locked: dict[str, Real] = Field(
         default={}, description="fixed positions of locked joints, by joint name [rad or m]"

@@ -94,10 +94,17 @@ class PathConfig(Section):
     tool_poses: tuple[FramePose, ...] | None = Field(
         default=None, description="poses of the tool, if there is no tray, joined by straight segments"
     )
-    joints: tuple[tuple[Real, ...], ...] | str | None = Field(
+    joints: tuple[tuple[Real, ...] | str, ...] | str | None = Field(
         default=None,
-        description="joint waypoints, or a CSV file of them relative to the configuration; joined by a C2 cubic spline "
+        description="joint waypoints, a file of them relative to the configuration (CSV, .npy, or a ROS "
+        "JointTrajectory or RobotTrajectory as JSON or YAML), or several files in turn; joined by a C2 cubic spline "
         "[rad or m]",
+    )
+    unit: Literal["radians", "degrees"] = Field(default="radians", description="with joints: unit of the angles")
+    repeated: Literal["drop", "stop"] = Field(
+        default="drop",
+        description="with joints: whether rows that repeat the one before are dropped, or the robot stops there; with "
+        "drop, a repeated waypoint in a list is an error",
     )
     blend: NonNegative = Field(
         default=0.0,
@@ -129,6 +136,18 @@ class PathConfig(Section):
     rail: RailConfig | None = Field(
         default=None, description="with steps: a rail on which a hand rests in one position throughout"
     )
+
+    @property
+    def joint_files(self) -> tuple[str, ...]:
+        """Return the names of the files of joint waypoints; () without any."""
+        if isinstance(self.joints, str):
+            return (self.joints,)
+        return tuple(entry for entry in self.joints or () if isinstance(entry, str))
+
+    @property
+    def joint_rows(self) -> tuple[tuple[float, ...], ...]:
+        """Return the joint waypoints in the configuration itself; () without any."""
+        return () if isinstance(self.joints, str) else tuple(row for row in self.joints or () if isinstance(row, tuple))
 
     @property
     def poses(self) -> tuple[FramePose, ...] | None:

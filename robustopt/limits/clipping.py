@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from robustopt.arrays import Array, Flags, Indices
-from robustopt.compiled import compiled, compiled_inner
+from robustopt.compiled import compiled, merged
 
 MAX_VERTICES = 384
 """Most vertices of a polygon while it is cut."""
@@ -42,59 +42,49 @@ class Draft(NamedTuple):
     new_kept: Flags
 
 
-@compiled()
 def empty_draft():
     """Return a draft without a polygon."""
-    return Draft(
-        np.empty((MAX_VERTICES, 2)), np.empty((MAX_VERTICES, 3)), np.empty(MAX_VERTICES, np.int64),
-        np.zeros(MAX_VERTICES, np.bool_),
-        np.empty((MAX_VERTICES, 2)), np.empty((MAX_VERTICES, 3)), np.empty(MAX_VERTICES, np.int64),
-        np.zeros(MAX_VERTICES, np.bool_),
-    )  # fmt: skip
+    arrays = [
+        (np.zeros((MAX_VERTICES, 2)), np.zeros((MAX_VERTICES, 3)), np.zeros(MAX_VERTICES, np.int64),
+        np.zeros(MAX_VERTICES, np.bool_))
+        for _ in range(2)
+    ]  # fmt: skip
+    return Draft(*arrays[0], *arrays[1])
 
 
-@compiled_inner(forceinline=True)
-def _read(vertices, rows, names, n, i, V, R, L):
-    for k in range(n):
-        V[k, 0], V[k, 1] = vertices[i, k, 0], vertices[i, k, 1]
-        R[k, 0], R[k, 1], R[k, 2], L[k] = rows[i, k, 0], rows[i, k, 1], rows[i, k, 2], names[i, k]
-
-
-@compiled_inner(forceinline=True)
-def _write(V, R, L, n, vertices, rows, names, sizes, i):
-    sizes[i] = n
-    if n <= names.shape[1]:
-        for k in range(n):
-            vertices[i, k, 0], vertices[i, k, 1] = V[k, 0], V[k, 1]
-            rows[i, k, 0], rows[i, k, 1], rows[i, k, 2], names[i, k] = R[k, 0], R[k, 1], R[k, 2], L[k]
-
-
-@compiled_inner(forceinline=True)
+@merged
 def read(polygons, i, draft):
     """Copy polygon i into a draft; return the number of its vertices."""
-    n = polygons.sizes[i]
-    _read(polygons.vertices, polygons.rows, polygons.names, n, i, draft.vertices, draft.rows, draft.names)
+    V, R, L, kept = draft.vertices, draft.rows, draft.names, draft.kept
+    vertices, rows, n = polygons.vertices, polygons.rows, polygons.sizes[i]
+    for k in range(n):
+        V[k, 0], V[k, 1] = vertices[i, k, 0], vertices[i, k, 1]
+        R[k, 0], R[k, 1], R[k, 2], L[k] = rows[i, k, 0], rows[i, k, 1], rows[i, k, 2], polygons.names[i, k]
+        kept[k] = False
     return n
 
 
-@compiled_inner(forceinline=True)
+@merged
 def write(draft, n, polygons, i):
     """Copy a draft of n vertices to polygon i; if there is no room for it, only its size."""
-    _write(
-        draft.vertices, draft.rows, draft.names, n, polygons.vertices, polygons.rows, polygons.names, polygons.sizes, i
-    )
+    V, R, vertices, rows, names = draft.vertices, draft.rows, polygons.vertices, polygons.rows, polygons.names
+    polygons.sizes[i] = n
+    if n <= names.shape[1]:
+        for k in range(n):
+            vertices[i, k, 0], vertices[i, k, 1] = V[k, 0], V[k, 1]
+            rows[i, k, 0], rows[i, k, 1], rows[i, k, 2], names[i, k] = R[k, 0], R[k, 1], R[k, 2], draft.names[k]
 
 
-@compiled_inner(forceinline=True)
-def size_along(V, n, j):
-    """Return the largest size of coordinate j (0: u, 1: x) of n vertices."""
-    largest = 0.0
+@merged
+def sizes_along(V, n):
+    """Return the largest sizes of u and of x of n vertices."""
+    u, x = 0.0, 0.0
     for k in range(n):
-        largest = max(largest, abs(V[k, j]))
-    return largest
+        u, x = max(u, abs(V[k, 0])), max(x, abs(V[k, 1]))
+    return u, x
 
 
-@compiled_inner(forceinline=True)
+@merged
 def largest_value(V, n, a, b, c):
     """Return the largest value of a u + b x + c at n vertices."""
     largest = -np.inf
@@ -103,18 +93,13 @@ def largest_value(V, n, a, b, c):
     return largest
 
 
-@compiled_inner(forceinline=True)
+@merged
 def clip(draft, n, a, b, c, name):
     """Keep the part of a draft of n vertices with a u + b x + c <= 0; return the number of its vertices.
 
     The new edge takes the row's name. Both ends of it are vertices that are not known to satisfy every row.
     """
     V, R, L, kept, V2, R2, L2, kept2 = draft
-    return _clip(V, R, L, kept, n, a, b, c, name, V2, R2, L2, kept2)
-
-
-@compiled_inner(forceinline=True)
-def _clip(V, R, L, kept, n, a, b, c, name, V2, R2, L2, kept2):
     if largest_value(V, n, a, b, c) <= 0.0:
         return n
     m = 0
@@ -128,43 +113,37 @@ def _clip(V, R, L, kept, n, a, b, c, name, V2, R2, L2, kept2):
             for j in range(2):
                 V2[m, j] = V[p, j] + share * (V[k, j] - V[p, j])
             kept2[m] = False
+            R2[m, 0], R2[m, 1], R2[m, 2], L2[m] = R[p, 0], R[p, 1], R[p, 2], L[p]
             if value > 0.0:
                 R2[m, 0], R2[m, 1], R2[m, 2], L2[m] = a, b, c, name
-            else:
-                _copy_edge(R, L, p, R2, L2, m)
             m += 1
         # A vertex on the right side stays as it is.
         if value <= 0.0:
             V2[m, 0], V2[m, 1], kept2[m] = V[k, 0], V[k, 1], kept[k]
-            _copy_edge(R, L, k, R2, L2, m)
+            R2[m, 0], R2[m, 1], R2[m, 2], L2[m] = R[k, 0], R[k, 1], R[k, 2], L[k]
             m += 1
         before = value
     for k in range(m):
         V[k, 0], V[k, 1], kept[k] = V2[k, 0], V2[k, 1], kept2[k]
-        _copy_edge(R2, L2, k, R, L, k)
+        R[k, 0], R[k, 1], R[k, 2], L[k] = R2[k, 0], R2[k, 1], R2[k, 2], L2[k]
     return m
 
 
-@compiled_inner(forceinline=True)
-def _copy_edge(R, L, k, R2, L2, m):
-    """Copy row and name of edge k to edge m, without temporary arrays."""
-    R2[m, 0], R2[m, 1], R2[m, 2], L2[m] = R[k, 0], R[k, 1], R[k, 2], L[k]
-
-
-@compiled()
-def cut_rows(polygons, limits, result):
+@compiled(_nrt=False)
+def cut_rows(polygons, rows, names, result, draft):
     """Cut each polygon with rows of its own.
 
     Args:
         polygons: the polygons.
-        limits: rows (P, F, 3) and the name of each (F,).
+        rows: the rows (P, F, 3).
+        names: name of each row (F,).
         result: polygons that the results are written to.
+        draft: work arrays.
 
     Returns:
         Size of the largest result; more than MAX_VERTICES if one does not fit into a draft.
     """
-    rows, names = limits
-    draft, largest = empty_draft(), 0
+    largest = 0
     for i in range(len(polygons.sizes)):
         n = read(polygons, i, draft)
         for f in range(rows.shape[1]):
@@ -172,6 +151,7 @@ def cut_rows(polygons, limits, result):
                 n = clip(draft, n, rows[i, f, 0], rows[i, f, 1], rows[i, f, 2], names[f])
             if n > MAX_VERTICES - 2:
                 return MAX_VERTICES + 1
-        write(draft, n if n >= 3 else 0, result, i)
+        n = n if n >= 3 else 0
+        write(draft, n, result, i)
         largest = max(largest, n)
     return largest

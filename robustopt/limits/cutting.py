@@ -13,19 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from robustopt.arrays import Array, Indices
-from robustopt.compiled import compiled, compiled_inner
-from robustopt.limits.clipping import MAX_VERTICES, clip, empty_draft, largest_value, read, size_along, write
-from robustopt.limits.coupling import is_coupled, largest_weight
-from robustopt.limits.row_bounds import block_bounds, next_above, row_blocks, row_bounds
-from robustopt.limits.row_values import (
-    active_piece,
-    add_sizes,
-    find_margin,
-    row_value,
-    row_work,
-    worst_value,
-    wrenches_at,
-)
+from robustopt.compiled import compiled, merged
+from robustopt.limits.clipping import MAX_VERTICES, clip, largest_value, read, sizes_along, write
+from robustopt.limits.coupling import exact_value
+from robustopt.limits.row_bounds import BLOCK, find_bounds, find_reach
+from robustopt.limits.row_values import active_piece, find_margin, find_wrenches, own_part, row_value
 
 TOLERANCE = 1e-10
 """Largest violation of a row, relative to the limit, that a vertex of a polygon may keep: ten times rounding error."""
@@ -53,225 +45,143 @@ class Tried(NamedTuple):
     points: Array
 
 
-@compiled()
-def cut_family(polygons, family, result):
+def none_tried():
+    """Return room for rows to be tried."""
+    return Tried(np.zeros(MAX_VERTICES, np.int64), np.zeros((MAX_VERTICES, 2)))
+
+
+@compiled(_nrt=False)
+def cut_family(polygons, rows, names, result, draft, work, blocks, tried):
     """Cut each polygon with the rows of a family.
 
     Args:
         polygons: the polygons.
-        family: the rows.
+        rows: the rows.
+        names: number of the name of each (F,).
         result: polygons that the results are written to.
+        draft: work arrays.
+        work: work arrays for the rows.
+        blocks: the rows in blocks.
+        tried: room for rows to be tried.
 
     Returns:
         Size of the largest result; more than MAX_VERTICES if one does not fit into a draft.
     """
-    draft, work, blocks = empty_draft(), row_work(family), row_blocks(family)
-    tried = Tried(np.zeros(MAX_VERTICES, np.int64), np.zeros((MAX_VERTICES, 2)))
     count, largest = 0, 0
     for i in range(len(polygons.sizes)):
         n = read(polygons, i, draft)
         if n < 3:
             continue
-        draft.kept[:] = False
-        sizes = size_along(draft.vertices, n, 0), size_along(draft.vertices, n, 1)
-        n = _try_rows(family, i, tried, count, work, draft, n, sizes)
-        if 3 <= n <= MAX_VERTICES - 2:
-            n = _cut_at_vertices(family, i, blocks, work, draft, n, sizes)
+        n = _cut(rows, i, tried, count, blocks, work, draft, n)
         if n > MAX_VERTICES - 2:
             return MAX_VERTICES + 1
         n = n if n >= 3 else 0
-        count = _name_edges(draft.vertices, draft.names, n, family.names, tried.rows, tried.points)
+        count = _name_edges(draft.vertices, draft.names, n, names, tried.rows, tried.points)
         write(draft, n, result, i)
         largest = max(largest, n)
     return largest
 
 
-@compiled()
-def worst_rows(family, points, u, x, values, pieces):
+@compiled(_nrt=False)
+def worst_rows(rows, points, u, x, work, blocks, values, pieces):
     """Find the row of a family that is violated most, for several (u, x).
 
     Args:
-        family: the rows.
+        rows: the rows.
         points: grid points (M,).
         u: sdd (M,).
         x: sd^2 (M,).
+        work: work arrays for the rows.
+        blocks: the rows in blocks.
         values: set to its value, or to 0 if none is violated (M,).
         pieces: set to its active piece a u + slope x + c, if it is violated (M, 3).
     """
-    work, blocks = row_work(family), row_blocks(family)
     for m in range(len(points)):
         i = points[m]
-        _find_reach(family, i, blocks)
-        _find_wrenches(family.wrench, i, u[m], x[m], work, blocks)
-        f, violation = _worst_row(family, i, u[m], x[m], work, blocks)
+        b = i if rows.B.shape[0] > 1 else 0
+        find_wrenches(rows.wrenches, i, u[m], x[m], work.wrenches)
+        f, violation = _worst_row(rows, b, i, u[m], x[m], work, blocks)
         if f >= 0:
             values[m] = violation
-            pieces[m, 0], pieces[m, 1], pieces[m, 2] = _piece(family, f, i, u[m], x[m], work)
+            pieces[m, 0], pieces[m, 1], pieces[m, 2] = active_piece(rows, b, f, i, u[m], x[m], work)
 
 
-@compiled_inner(forceinline=True)
-def _try_rows(family, i, tried, count, work, draft, n, sizes):
-    """Cut a draft of n vertices with the rows that bounded the last polygon; return the number of its vertices."""
-    for k in range(count):
-        f, u, x = tried.rows[k], tried.points[k, 0], tried.points[k, 1]
-        _find_intervals(family.wrench, i, u, x, work)
-        wrenches_at(family.wrench.nominal, i, u, x, work.central)
-        piece = _piece(family, f, i, u, x, work)
-        if _exceeds(largest_value(draft.vertices, n, piece[0], piece[1], piece[2]), piece, sizes):
-            n = _clipped(draft, n, piece, f)
-            if n < 3 or n > MAX_VERTICES - 2:
-                break
-    return n
-
-
-@compiled_inner(forceinline=True)
-def _cut_at_vertices(family, i, blocks, work, draft, n, sizes):
+@merged
+def _cut(rows, i, tried, count, blocks, work, draft, n):
     """Cut a draft of n vertices until none of them violates a row; return their number, or more than MAX_VERTICES.
 
-    A look at all rows either confirms a vertex or finds the row that cuts it off.
+    The rows that bounded the last polygon are tried first. Then a look at all rows either confirms a vertex or finds
+    the row that cuts it off.
     """
-    _find_reach(family, i, blocks)
+    V, kept = draft.vertices, draft.kept
+    b = i if rows.B.shape[0] > 1 else 0
+    size_u, size_x = sizes_along(V, n)
     first = 0
-    for _ in range(MOST_LOOKS):
-        while first < n and draft.kept[first]:
-            first += 1
-        if first == n:
-            return n
-        u, x = draft.vertices[first, 0], draft.vertices[first, 1]
-        _find_wrenches(family.wrench, i, u, x, work, blocks)
-        f, violation = _worst_row(family, i, u, x, work, blocks)
+    for look in range(count + MOST_LOOKS):
+        if look < count:
+            f, u, x, violation = tried.rows[look], tried.points[look, 0], tried.points[look, 1], 0.0
+        else:
+            while first < n and kept[first]:
+                first += 1
+            if first == n:
+                return n
+            u, x = V[first, 0], V[first, 1]
+        find_wrenches(rows.wrenches, i, u, x, work.wrenches)
+        if look >= count:
+            f, violation = _worst_row(rows, b, i, u, x, work, blocks)
         if f >= 0:
-            piece = _piece(family, f, i, u, x, work)
-            if _exceeds(violation, piece, sizes):
-                n = _clipped(draft, n, piece, f)
+            a, slope, c = active_piece(rows, b, f, i, u, x, work)
+            if look < count:
+                violation = largest_value(V, n, a, slope, c)
+            # a vertex that violates a row by rounding error is kept
+            if violation > max(TOLERANCE, ROUNDING * (abs(a) * size_u + abs(slope) * size_x + abs(c))):
+                n = clip(draft, n, a, slope, c, ROW - f)
                 if n < 3 or n > MAX_VERTICES - 2:
                     return n
                 first = 0
                 continue
-        draft.kept[first] = True
+        if look >= count:
+            kept[first] = True
     return MAX_VERTICES + 1
 
 
-@compiled_inner(forceinline=True)
-def _find_intervals(wrench, i, u, x, work):
-    """Set the interval terms and second moments at grid point i and (u, x)."""
-    if len(wrench.group):
-        wrenches_at(wrench.terms, i, u, x, work.swings)
-    if len(wrench.usual):
-        wrenches_at(wrench.moments, i, u, x, work.moments)
+@merged
+def _worst_row(rows, b, i, u, x, work, blocks):
+    """Return the row that is violated most at (u, x), or -1, and by how much.
 
-
-@compiled_inner(forceinline=True)
-def _find_wrenches(wrench, i, u, x, work, blocks):
-    """Set all wrenches at grid point i and (u, x), and their reach."""
-    central, swings, moments, reach, fixed = work.central, work.swings, work.moments, blocks.reach, blocks.fixed
-    _find_intervals(wrench, i, u, x, work)
-    wrenches_at(wrench.nominal, i, u, x, central)
-    if len(reach):
-        for g in range(reach.shape[0]):
-            for j in range(reach.shape[1]):
-                reach[g, j] = fixed[g, j]
-        add_sizes(swings, wrench.group, reach)
-        for q in range(len(wrench.usual)):
-            for j in range(reach.shape[1]):
-                reach[wrench.moment_group[q // 6], j] += abs(moments[q, j]) * largest_weight(wrench.usual, q)
-
-
-@compiled_inner(forceinline=True)
-def _find_reach(family, i, blocks):
-    """Set the parts of the reach that depend on neither u nor x, at grid point i."""
-    wrench, base_terms = family.wrench, family.base_terms
-    constant, group, products, n = wrench.constant, wrench.constant_group, wrench.products, len(wrench.group)
-    fixed, own_reach = blocks.fixed, blocks.own_reach
-    fixed[:] = 0.0
-    for k in range(len(group)):
-        for j in range(fixed.shape[1]):
-            fixed[group[k], j] += abs(constant[i, j, k])
-    for k in range(products.shape[2]):
-        g = wrench.group[k] if k < n else wrench.moment_group[(k - n) // 6]
-        size = 1.0 if k < n else largest_weight(wrench.usual, k - n)
-        for j in range(fixed.shape[1]):
-            for e in range(products.shape[3]):
-                fixed[g, j] += size * abs(products[i, j, k, e])
-    own_reach[:] = 0.0
-    for f in range(len(own_reach)):
-        for k in range(len(group)):
-            own_reach[f, group[k]] += abs(base_terms[i, f, k])
-
-
-@compiled_inner(forceinline=True)
-def _worst_row(family, i, u, x, work, blocks):
-    """Return the row that is violated most at (u, x), or -1, and by how much."""
-    lowest, highest = family.wrench.lowest, family.wrench.highest
-    central, reach, of_parts, of_blocks, value = (
-        work.central,
-        blocks.reach,
-        blocks.of_parts,
-        blocks.of_blocks,
-        blocks.value,
-    )
-    found = -1, TOLERANCE
-    if blocks.made:
-        block_bounds(blocks.outermost, blocks.outermost_sizes, 0, central, reach, lowest, highest, of_parts, value)
-    part = next_above(of_parts, 0, TOLERANCE)
-    while part < len(of_parts):
-        if blocks.made:
-            block_bounds(blocks.extremes, blocks.extreme_sizes, part, central, reach, lowest, highest, of_blocks, value)
-        m = next_above(of_blocks, 0, found[1])
-        while m < len(of_blocks):
-            found = _worst_of_block(family, i, u, x, part * len(of_blocks) + m, work, blocks, found)
-            m = next_above(of_blocks, m + 1, found[1])
-        part = next_above(of_parts, part + 1, found[1])
-    return found
-
-
-@compiled_inner(forceinline=True)
-def _worst_of_block(family, i, u, x, m, work, blocks, found):
-    """Return the worst row of block m at (u, x), and by how much it is violated; or `found` if that is worse."""
-    B, base, lowest, highest = family.B, family.base, family.wrench.lowest, family.wrench.highest
-    central, reach, of_rows, value = work.central, blocks.reach, blocks.of_rows, blocks.value
-    b = i if B.shape[0] > 1 else 0
-    worst, violation = found
-    if blocks.made:
-        block_bounds(blocks.entries, blocks.sizes, m, central, reach, lowest, highest, of_rows, value)
-    else:
-        row_bounds(B, b, base, blocks.own_reach, i, u, x, central, reach, lowest, highest, of_rows)
-    r = next_above(of_rows, 0, violation)
-    while r < len(of_rows):
-        f = m * len(of_rows) + r
-        find_margin(family, b, f, i, work)
-        value_here = row_value(family, b, f, i, u, x, work)
-        if value_here > violation and is_coupled(family.wrench):
-            value_here = worst_value(family, b, f, i, u, x, work)
-        if value_here > violation:
-            worst, violation = f, value_here
-        r = next_above(of_rows, r + 1, violation)
+    Blocks are searched depth first, those alone that may contain a row that is violated more than the worst so far.
+    """
+    if len(blocks.reach):
+        find_reach(rows, i, work.wrenches, blocks)
+    bounds = blocks.bounds
+    levels, width = bounds.shape
+    worst, violation = -1, TOLERANCE
+    # the place is k among the blocks of block m of a level, or -1 if their bounds have not been found
+    level, m, k = levels - 1, 0, -1
+    while level < levels:
+        if k < 0:
+            find_bounds(rows, b, i, u, x, work.wrenches, blocks, level, m)
+            k = 0
+        while k < width and bounds[level, k] <= violation:
+            k += 1
+        if k == width:
+            level, m, k = level + 1, m // BLOCK, m % BLOCK + 1
+        elif level > 0:
+            level, m, k = level - 1, m * BLOCK + k, -1
+        else:
+            f = m * BLOCK + k
+            own = own_part(rows.base, i, f, u, x)
+            find_margin(rows, b, f, i, work)
+            value = row_value(rows, b, f, own, work)
+            if value > violation and rows.changes.shape[3]:
+                value = own + exact_value(rows, b, f, i, work)
+            if value > violation:
+                worst, violation = f, value
+            k += 1
     return worst, violation
 
 
-@compiled_inner()
-def _piece(family, f, i, u, x, work):
-    """Return the piece (a, slope, c) of row f that is active at grid point i and (u, x)."""
-    b = i if family.B.shape[0] > 1 else 0
-    find_margin(family, b, f, i, work)
-    worst_value(family, b, f, i, u, x, work)
-    return active_piece(family.B, b, family.wrench, family.base, i, f, work.fixed, work.signs, work.weights, u, x)
-
-
-@compiled_inner(forceinline=True)
-def _exceeds(violation, piece, sizes):
-    """Return whether a piece is violated by more than rounding error in a polygon of the given sizes along u and x."""
-    a, slope, c = piece
-    return violation > max(TOLERANCE, ROUNDING * (abs(a) * sizes[0] + abs(slope) * sizes[1] + abs(c)))
-
-
-@compiled_inner(forceinline=True)
-def _clipped(draft, n, piece, f):
-    """Clip a draft with the piece of row f; return the number of its vertices."""
-    return clip(draft, n, piece[0], piece[1], piece[2], ROW - f)
-
-
-@compiled_inner()
+@merged
 def _name_edges(V, L, n, names, rows, points):
     """Give the edges that are rows of the family their names; list the rows and middles, and return their number."""
     count = 0

@@ -20,6 +20,11 @@ CROWDED = 0.4
 """A grid point that is nearer to a kink than this part of the spacing gives way to it."""
 
 
+FINER, FIRST_INTERVAL = 0.6, (1e-4, 2e-2)
+"""Ratio of neighbouring distances from rest where jerk is limited, and bounds of the first one as a part of the
+spacing: sdd rises like the cube root of s there. On one axis, the loss is 0.001 to 0.09 % of the duration."""
+
+
 @dataclass(frozen=True)
 class Accuracy:
     """Estimated accuracy of a grid.
@@ -78,6 +83,27 @@ class Grid:
         part = np.arange(len(interval)) - np.repeat(np.cumsum(count) - count, count)
         s = self.s[interval] + ds[interval] * part / count[interval]
         return Grid(np.append(s, self.s[-1]), np.append(self.piece[interval], self.piece[-1]))
+
+
+def with_fine_rests(grid: Grid, first: Array) -> Grid:
+    """Return a grid with more points near the ends of each piece, at distances that shrink by FINER towards rest.
+
+    Args:
+        grid: the grid.
+        first: length of the first and of the last interval of each piece that is wanted, within FIRST_INTERVAL
+            (pieces, 2).
+    """
+    s, piece = [grid.s], [grid.piece]
+    for k, wanted in enumerate(first):
+        own = grid.s[grid.piece == k]
+        for end, sign, spacing in ((own[0], 1.0, own[1] - own[0]), (own[-1], -1.0, own[-1] - own[-2])):
+            part = np.clip(wanted[0 if sign > 0 else 1] / spacing, *FIRST_INTERVAL)
+            count = int(np.ceil(np.log(part) / np.log(FINER)))
+            s.append(end + sign * spacing * FINER ** np.arange(1, count + 1))
+            piece.append(np.full(count, k))
+    every, pieces = np.concatenate(s), np.concatenate(piece)
+    order = np.lexsort((every, pieces))
+    return Grid(every[order], pieces[order], grid.accuracy)
 
 
 def numbered_grid(path: Path, intervals: int) -> Grid:

@@ -14,6 +14,7 @@ class LimitKind(StrEnum):
     VELOCITY = "velocity"
     ACCELERATION = "acceleration"
     TORQUE = "torque"
+    JERK = "jerk"
     SLIP = "slip"
     TIPPING = "tipping"
     PEEL = "peel"

@@ -26,8 +26,10 @@ import numpy as np
 
 from robustopt.compiled import compiled
 from robustopt.errors import SolverFailed
-from robustopt.limits.clipping import MAX_VERTICES, cut_rows
-from robustopt.limits.cutting import cut_family, worst_rows
+from robustopt.limits.clipping import MAX_VERTICES, cut_rows, empty_draft
+from robustopt.limits.coupling import columns_of, row_work
+from robustopt.limits.cutting import cut_family, none_tried, worst_rows
+from robustopt.limits.row_bounds import row_blocks
 from robustopt.limits.row_values import family_values
 
 Array = np.ndarray
@@ -182,7 +184,11 @@ def cut(polygons: Polygons, family: Family) -> Polygons:
     Raises:
         SolverFailed: a polygon would have more than `MAX_VERTICES` edges.
     """
-    return _stored(cut_family, polygons, family) if len(family.names) else polygons
+    if not len(family.names):
+        return polygons
+    rows = columns_of(family)
+    work = empty_draft(), row_work(rows), row_blocks(rows), none_tried()
+    return _stored(lambda result: cut_family(polygons, rows, family.names, result, *work), polygons)
 
 
 def cut_part(polygons: Polygons, family: Family, first: int, last: int) -> Polygons:
@@ -222,7 +228,10 @@ def cut_affine(polygons: Polygons, rows: Array, names: Array) -> Polygons:
     Raises:
         SolverFailed: a polygon would have more than `MAX_VERTICES` edges.
     """
-    return _stored(cut_rows, polygons, (np.ascontiguousarray(rows), names)) if len(names) else polygons
+    if not len(names):
+        return polygons
+    rows, draft = np.ascontiguousarray(rows), empty_draft()
+    return _stored(lambda result: cut_rows(polygons, rows, names, result, draft), polygons)
 
 
 def evaluate(family: Family, points: Array, u: Array, x: Array) -> Array:
@@ -235,7 +244,8 @@ def evaluate(family: Family, points: Array, u: Array, x: Array) -> Array:
         x: sd^2 (M,).
     """
     values = np.zeros((len(points), len(family.names)))
-    family_values(family, points, u, x, values)
+    rows = columns_of(family)
+    family_values(rows, points, u, x, row_work(rows), values)
     return values
 
 
@@ -252,16 +262,17 @@ def worst(family: Family, points: Array, u: Array, x: Array) -> tuple[Array, Arr
         Values (M,), 0 if no row is violated; and the row a u + b x + c <= 0 for the worst parameters (M, 3).
     """
     values, pieces = np.zeros(len(points)), np.zeros((len(points), 3))
-    worst_rows(family, points, u, x, values, pieces)
+    rows = columns_of(family)
+    worst_rows(rows, points, u, x, row_work(rows), row_blocks(rows), values, pieces)
     return values, pieces
 
 
-def _stored(kernel: Callable[..., int], polygons: Polygons, limits: Family | tuple[Array, Array]) -> Polygons:
-    """Return the result of a kernel, with room for its largest polygon."""
+def _stored(cut_into: Callable[[Polygons], int], polygons: Polygons) -> Polygons:
+    """Return the result of a function that cuts polygons and returns their largest size, with room for this one."""
     room = max(ROOM, polygons.names.shape[1])
     while True:
         result = _empty(len(polygons.sizes), room)
-        largest = kernel(polygons, limits, result)
+        largest = cut_into(result)
         if largest > MAX_VERTICES:
             raise SolverFailed(f"a feasible polygon at a grid point has more than {MAX_VERTICES} edges")
         if largest <= room:
@@ -283,7 +294,10 @@ def edge_rows(polygons: Polygons, joints: int, names: int) -> tuple[Array, Array
     Returns:
         Rows (P, m, 3), and the number of the name of each column (m,).
     """
-    slots, width = _edge_slots(polygons.vertices, polygons.rows, polygons.names, polygons.sizes, joints, names)
+    slots, width = np.full(polygons.names.shape, -1), np.zeros(names, dtype=np.int64)
+    _find_slots(
+        polygons.vertices, polygons.rows, polygons.names, polygons.sizes, joints, slots, width, np.zeros_like(width)
+    )
     first = np.cumsum(width) - width
     rows = np.zeros((len(polygons.sizes), width.sum(), 3))
     rows[:, :, 2] = -1.0
@@ -291,17 +305,23 @@ def edge_rows(polygons: Polygons, joints: int, names: int) -> tuple[Array, Array
     return rows, np.repeat(np.arange(names), width)
 
 
-@compiled()
-def _edge_slots(vertices, rows, edge_names, count, joints, names):
-    """Return the number of each edge among the edges of its name, and the number of edges per name.
+@compiled(_nrt=False)
+def _find_slots(vertices, rows, edge_names, count, joints, slots, width, used):
+    """Set the number of each edge among the edges of its name, and the number of edges per name.
 
-    Edges that are no rows have number -1, (P, V). The second array is the largest number of edges at one grid point for
-    each name, (names,).
+    Args:
+        vertices: vertices of the polygons (P, V, 2).
+        rows: rows of their edges (P, V, 3).
+        edge_names: number of the name of each edge (P, V).
+        count: number of edges (P,).
+        joints: names below this number are velocity bounds, which become no rows.
+        slots: set to the number of each edge that is a row; of others it is -1 (P, V).
+        width: set to the largest number of edges at one grid point for each name (names,).
+        used: work array (names,).
     """
-    slots, width = np.full(edge_names.shape, -1), np.zeros(names, np.int64)
-    used = np.zeros(names, np.int64)
     for i in range(len(count)):
-        used[:] = 0
+        for name in range(len(used)):
+            used[name] = 0
         n = count[i]
         width_u, width_x = 0.0, 0.0
         for k in range(n):
@@ -319,10 +339,9 @@ def _edge_slots(vertices, rows, edge_names, count, joints, names):
             slots[i, k] = used[name]
             used[name] += 1
             width[name] = max(width[name], used[name])
-    return slots, width
 
 
-@compiled()
+@compiled(_nrt=False)
 def _place(edges, edge_names, count, slots, first, rows):
     """Put the edges that are rows into their columns."""
     for i in range(len(count)):

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robustopt.arrays import Array
-from robustopt.compiled import compiled
+from robustopt.compiled import compiled, merged
 from robustopt.limits.bodies import Body
 from robustopt.limits.motion import PathMotion
 from robustopt.limits.polygons import RequiredWrench
@@ -61,7 +61,7 @@ def body_wrenches(motion: PathMotion, body: Body, erring: bool) -> BodyWrenches:
     return BodyWrenches(wrenches, np.repeat(np.arange(3), [1, len(body.linear), len(body.moments)]))
 
 
-@compiled(fastmath={"contract", "reassoc"})
+@compiled(fastmath={"contract", "reassoc"}, _nrt=False)
 def _multiply(regressors, parameters, out):
     """Compute out[k, i, c] = regressors[i, c] parameters[k]."""
     for k in range(out.shape[0]):
@@ -121,15 +121,19 @@ def body_loads(
     for first in range(0, points, BLOCK):
         some = slice(first, first + BLOCK)
         wrenches = np.concatenate([part.wrenches[:, some] for part in parts])
-        _fill(result.at(some), wrenches, mass, group, kind, carries, places, middle, radius, erring)
+        _fill(
+            result.at(some), wrenches, mass, group, kind, carries, places, middle, radius, erring, bool(middle.any()),
+            *np.zeros((2, wrenches.shape[2], 6)),
+        )  # fmt: skip
     return result
 
 
-@compiled()
-def _fill(loads, wrenches, mass, group, kind, carries, about, middle, radius, erring):
+@compiled(_nrt=False)
+def _fill(loads, wrenches, mass, group, kind, carries, about, middle, radius, erring, shifted, origin, w):
     """Fill the result of `body_loads` with wrenches per unit of mass (K, P, C, 6), grid point by point.
 
-    mass: (K,); carries: which objects carry each set (K, objects); about: reference points (objects, 3)
+    mass: (K,); carries: which objects carry each set (K, objects); about: reference points (objects, 3); shifted:
+    whether the middle of the acceleration error is not zero; origin, w: work arrays (C, 6)
     """
     nominal, terms, moments, constant, products = (
         loads.nominal,
@@ -139,8 +143,6 @@ def _fill(loads, wrenches, mass, group, kind, carries, about, middle, radius, er
         loads.products,
     )
     points, used = wrenches.shape[1], wrenches.shape[2]
-    shifted = middle.any()
-    origin, w = np.zeros((used, 6)), np.zeros((used, 6))
     for i in range(points):
         term, moment = 0, 0
         for k in range(len(kind)):
@@ -175,7 +177,7 @@ def _fill(loads, wrenches, mass, group, kind, carries, about, middle, radius, er
             term, moment = term + (kind[k] == 1), moment + (kind[k] == 2)
 
 
-@compiled()
+@merged
 def _move(wrenches, about, block, count, out):
     """Turn the first wrenches about the origin (n, 6) into wrenches about the point of a block."""
     x, y, z = about[block, 0], about[block, 1], about[block, 2]

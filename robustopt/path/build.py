@@ -7,6 +7,7 @@ for joint waypoints, to the chord length of the joints.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -16,7 +17,7 @@ from robustopt.config import Config, PathTolerance
 from robustopt.errors import PathError
 from robustopt.path.branches import LIMIT_TOLERANCE, Branch, BranchLostError, fit_branch, follow_branches
 from robustopt.path.collision import CollisionCheck
-from robustopt.path.joint_waypoints import joint_waypoints
+from robustopt.path.joint_waypoints import KEY, joint_waypoints
 from robustopt.path.path import Path
 from robustopt.path.pose_path import PosePath, pose_path
 from robustopt.path.reach import WAYS_OUT, branch_problems, limit_sentence, start_position
@@ -51,7 +52,7 @@ def _path(config: Config, robot: Robot) -> Path:
     if config.path.steps is not None:
         return walking_path(config, robot)
     if config.path.joints is not None:
-        return _first_sound([_joint_path(config, robot)], config, robot, "path.joints")
+        return _joint_path(config, robot)
     poses = pose_path(config.path)
     start = start_position(config, robot)
     branches = follow_branches(robot, poses, start)
@@ -63,10 +64,19 @@ def _path(config: Config, robot: Robot) -> Path:
 
 
 def _joint_path(config: Config, robot: Robot) -> Path:
-    waypoints = joint_waypoints(config, robot.joint_names)
-    chord = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(waypoints, axis=0), axis=1))))
+    waypoints = joint_waypoints(config, robot.joint_names, robot.hinges)
+    q, stops = waypoints.q, waypoints.stops
+    chord = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(q, axis=0), axis=1))))
     s = chord / chord[-1]
-    return Path([CubicSpline(s, waypoints)], np.array([0.0, 1.0]), s, "joints")
+    ends = [0, *stops, len(q) - 1]
+    pieces = [CubicSpline(s[start : end + 1], q[start : end + 1]) for start, end in pairwise(ends)]
+    path = Path(pieces, s[ends], s, "joints", notes=waypoints.notes, recorded=waypoints.recorded)
+    try:
+        return _first_sound([path], config, robot, KEY)
+    except PathError as error:
+        if waypoints.doubt is None:
+            raise
+        raise PathError(f"{error.problems[0].message}; {waypoints.doubt}", key=KEY) from None
 
 
 def _branch_path(robot: Robot, poses: PosePath, branch: Branch, tolerance: PathTolerance) -> Path | str:

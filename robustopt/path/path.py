@@ -33,6 +33,8 @@ class Path:
         kinks: values of s that a grid should contain: the switches, and interior knots of cubic splines, at which q''
             has a kink.
         stances: phases of a path with steps in their order; () without steps.
+        notes: content of the path's files that is not used or looks wrong, in words.
+        recorded: duration of the recording that the path follows; None without one [s].
 
     Args:
         pieces: splines q(s), one for each piece.
@@ -40,16 +42,26 @@ class Path:
         waypoints: s of the configured waypoints (W,).
         noun: name of the waypoints in the configuration.
         steps: footsteps, with one phase between neighbouring waypoints.
+        notes: content of the path's files that is not used or looks wrong, in words.
+        recorded: duration of the recording that the path follows; None without one [s].
     """
 
     def __init__(
-        self, pieces: Sequence[Spline], breaks: Array, waypoints: Array, noun: str, steps: Footsteps | None = None
+        self,
+        pieces: Sequence[Spline],
+        breaks: Array,
+        waypoints: Array,
+        noun: str,
+        steps: Footsteps | None = None,
+        notes: Sequence[str] = (),
+        recorded: float | None = None,
     ) -> None:
         self.breaks = np.array(breaks, dtype=float)
         self.waypoints = np.array(waypoints, dtype=float)
         self.breaks.setflags(write=False)
         self.waypoints.setflags(write=False)
         self._noun, self._steps = noun, steps
+        self.notes, self.recorded = tuple(notes), recorded
         self.stances = steps.stances if steps is not None else ()
         self.switches = self.waypoints[1:-1] if steps is not None else np.zeros(0)
         knots = [piece.x[1:-1] for piece in pieces if isinstance(piece, CubicSpline)]

@@ -15,6 +15,7 @@ from matplotlib.lines import Line2D
 from robustopt.arrays import Array, Flags, Indices
 from robustopt.limits.torque import torque_scale
 from robustopt.plotting.style import BLUE, INK, VERMILLION, joint_unit
+from robustopt.solvers.binding import joint_jerk
 from robustopt.solvers.contact_forces import planned_forces
 from robustopt.solvers.plan import Plan
 from robustopt.solvers.trajectory import Trajectory, joint_motion
@@ -24,7 +25,7 @@ VALUE: dict[str, Any] = {"color": BLUE, "linewidth": 1.4}
 BINDING: dict[str, Any] = {"color": VERMILLION, "linewidth": 2.4}
 LIMIT: dict[str, Any] = {"color": INK, "linewidth": 0.8}
 ROBUST_LIMIT: dict[str, Any] = {"color": INK, "linewidth": 0.9, "linestyle": ":"}
-UNITS = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s²", "torque": "N m"}
+UNITS = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s²", "jerk": "rad/s³", "torque": "N m"}
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class Quantity:
     """One quantity of n joints at M instants, the two ends of every interval.
 
     Attributes:
-        name: "position", "velocity", "acceleration" or "torque", as in the names of the limits.
+        name: "position", "velocity", "acceleration", "jerk" or "torque", as in the names of the limits.
         value: nominal values, shape (M, n).
         lower: lower limits, shape (n,).
         upper: upper limits, shape (n,).
@@ -77,21 +78,23 @@ def joint_figures(plan: Plan, title: str) -> list[Figure]:
 
 
 def joint_quantities(plan: Plan) -> tuple[Array, list[Quantity]]:
-    """Return the four quantities at both ends of every interval that has a length.
+    """Return the quantities at both ends of every interval that has a length.
 
-    Accelerations and torques jump at the grid points; each point has the value before and the value after it.
+    Without jerk limits, accelerations and torques jump at the grid points; each point has the value before and the
+    value after it.
 
     Args:
         plan: the plan.
 
     Returns:
-        Times, shape (M,), [s], and position, velocity, acceleration and torque.
+        Times, shape (M,), [s], and position, velocity, acceleration, jerk if it is limited, and torque.
     """
     trajectory = Trajectory.from_plan(plan)
     moving = np.flatnonzero(np.diff(trajectory.times) > 0)
     points = np.stack([moving, moving + 1], axis=1).ravel()
     t, s, sd = trajectory.times[points], trajectory.s[points], trajectory.sd[points]
     sdd = np.repeat(trajectory.sdd[moving], 2)
+    sdd[1::2] += trajectory.sddd[moving] * np.diff(trajectory.times)[moving]
     motion = joint_motion(trajectory.path, trajectory.piece[points], t, s, sd, sdd)
     limits = plan.problem.robot.limits
     quantities = [
@@ -99,6 +102,9 @@ def joint_quantities(plan: Plan) -> tuple[Array, list[Quantity]]:
         Quantity("velocity", motion.qd, -limits.velocity, limits.velocity),
         _acceleration(plan, motion.qdd),
     ]
+    if np.isfinite(limits.jerk).any():
+        jerk = joint_jerk(plan)[:, moving].swapaxes(0, 1).reshape(len(points), -1)
+        quantities.append(Quantity("jerk", jerk, -limits.jerk, limits.jerk))
     if plan.problem.robot.contacts:
         planned = planned_forces(plan).torque[1:-1]
         quantities.append(Quantity("torque", planned, -limits.torque, limits.torque))
@@ -136,7 +142,7 @@ def _torque(plan: Plan, points: Indices, u: Array, x: Array) -> Quantity:
 
 
 def _figure(plan: Plan, times: Array, quantities: list[Quantity], joints: Sequence[int], title: str) -> Figure:
-    figure = Figure(figsize=(max(1.2 + 1.9 * len(joints), 6.5), 7.8))
+    figure = Figure(figsize=(max(1.2 + 1.9 * len(joints), 6.5), 1.95 * len(quantities)))
     axes = figure.subplots(len(quantities), len(joints), sharex=True, squeeze=False)
     names, hinges = plan.problem.robot.joint_names, plan.problem.robot.hinges[list(joints)]
     for row, quantity in enumerate(quantities):

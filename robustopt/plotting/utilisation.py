@@ -33,7 +33,7 @@ def contact_utilisation(plan: Plan) -> list[dict[str, Array]]:
         For each group of held bodies the used part by the name of the limit (M,), nan while the contact does not exist.
     """
     ends = _ends(plan)
-    u, x = np.repeat(plan.u[ends[:, 0]], 2), plan.x[ends].ravel()
+    u, x = np.stack([plan.u, plan.u_end], axis=1)[ends[:, 0]].ravel(), plan.x[ends].ravel()
     groups: dict[tuple[str, ...], dict[str, Array]] = {}
     for limit in plan.problem.limits.contacts:
         group = groups.setdefault(limit.system.objects, {})

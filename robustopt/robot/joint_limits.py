@@ -5,11 +5,13 @@
 | position | joint `range` | `limit lower upper` |
 | velocity | `<custom><numeric name="velocity_limit">`, one value per joint in their order | `limit velocity` |
 | acceleration | `<custom><numeric name="acceleration_limit">`, likewise | nowhere |
+| jerk | nowhere, none by default | nowhere |
 | torque | joint `actuatorfrcrange`, gear times the force range of its only actuator | `limit effort` |
 | dry friction | joint `frictionloss` | `dynamics friction` |
 | viscous friction | joint `damping` | `dynamics damping` |
 
-If a file bounds a torque twice, the smaller bound holds. The control range of a motor bounds its force.
+If a file bounds a torque twice, the smaller bound holds. The control range of a motor bounds its force. A joint with a
+torque limit needs no acceleration limit.
 """
 
 from __future__ import annotations
@@ -31,6 +33,8 @@ ACCELERATION_NUMERIC = "acceleration_limit"
 REQUIRED_UNITS = {"velocity": "rad/s or m/s", "acceleration": "rad/s^2 or m/s^2", "torque": "N m or N"}
 ROUNDING = 1e-6
 """Distance from its range at which a joint may be locked [rad or m]: files round the ends of ranges."""
+MOST_SINGLE = 3
+"""Most unknown joints that are errors one by one: a file of limits may be that of another robot."""
 FRICTIONS = ("dry_friction", "viscous_friction")
 
 
@@ -41,6 +45,7 @@ class JointLimits:
     Attributes:
         lower, upper: limits of the position [rad or m]; infinite if the joint has none.
         velocity, acceleration, torque: largest absolute values [rad/s, rad/s^2, N m; for slides m/s, m/s^2, N].
+        jerk: largest absolute value [rad/s^3 or m/s^3]; infinite if the joint has none.
         dry_friction: dry friction of the joints [N m or N].
         viscous_friction: viscous friction of the joints [N m s/rad or N s/m].
     """
@@ -49,6 +54,7 @@ class JointLimits:
     upper: Array
     velocity: Array
     acceleration: Array
+    jerk: Array
     torque: Array
     dry_friction: Array
     viscous_friction: Array
@@ -89,6 +95,8 @@ def joint_limits(config: Config, robot: RobotModel, names: tuple[str, ...]) -> J
     _require_locked_within(config, robot, limits)
     chosen = [joint_names(robot.original).index(name) for name in names]
     limits = {kind: values[chosen] for kind, values in limits.items()}
+    has_no_need = np.isnan(limits["acceleration"]) & np.isfinite(limits["torque"])
+    limits["acceleration"] = np.where(has_no_need, np.inf, limits["acceleration"])
     _require(config, robot, names, limits)
     if not config.robot.joint_friction:
         limits |= {name: np.zeros(len(names)) for name in FRICTIONS}
@@ -104,6 +112,7 @@ def _file_limits(robot: RobotModel) -> dict[str, Array]:
         "upper": np.where(limited, model.jnt_range[:, 1], np.inf),
         "velocity": _numeric(robot, VELOCITY_NUMERIC, robot.urdf_limits.velocity),
         "acceleration": _numeric(robot, ACCELERATION_NUMERIC, {}),
+        "jerk": np.full(model.njnt, np.inf),
         "torque": _torque(model),
         "dry_friction": model.dof_frictionloss[model.jnt_dofadr],
         "viscous_friction": model.dof_damping[model.jnt_dofadr],
@@ -168,21 +177,18 @@ def _override(config: Config, robot: RobotModel, limits: dict[str, Array]) -> No
     given = config.robot.limits
     unknown = [name for name in given if name != "all" and name not in names]
     if unknown:
-        raise RobotError(
-            [
-                ConfigProblem(
-                    f"robot.limits.{name}",
-                    f"{robot.file.name} has no such joint; its joints are: {', '.join(names)} (or `all`)",
-                )
-                for name in unknown
-            ]
-        )
+        known = f"its joints are: {', '.join(names)} (or `all`)"
+        if len(unknown) > MOST_SINGLE:
+            message = f"{robot.file.name} has no joints {', '.join(unknown)}; {known}"
+            raise RobotError(message, key="robot.limits")
+        message = f"{robot.file.name} has no such joint; {known}"
+        raise RobotError([ConfigProblem(f"robot.limits.{name}", message) for name in unknown])
     for name in sorted(given, key=lambda name: name != "all"):
         joints = slice(None) if name == "all" else names.index(name)
         override = given[name]
         if override.position is not None:
             limits["lower"][joints], limits["upper"][joints] = override.position
-        for kind in ("velocity", "acceleration", "torque", *FRICTIONS):
+        for kind in ("velocity", "acceleration", "jerk", "torque", *FRICTIONS):
             value = getattr(override, kind)
             if value is not None:
                 limits[kind][joints] = value

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import hashlib
 import os
-import site
-import sys
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
 
@@ -23,8 +22,11 @@ from robustopt.config.document import shortened
 from robustopt.errors import RobotError
 from robustopt.files import read_bytes
 from robustopt.models import MODELS
+from robustopt.robot.inertia import Inertia
+from robustopt.robot.meshes import convert_text, leave_out_unusable, take_any_volume
 from robustopt.robot.model_check import check_model
 from robustopt.robot.model_parts import parts_of
+from robustopt.robot.sources import SOURCES, resolve_package, share_folders, source_file
 from robustopt.robot.urdf import UrdfLimits, is_urdf, read_urdf
 
 USUAL = mujoco.MjSpec()
@@ -40,36 +42,12 @@ def shipped_models() -> tuple[str, ...]:
     return tuple(sorted(file.stem for file in MODELS.glob("*.xml")))
 
 
-def share_folders() -> tuple[Path, ...]:
-    """Return the folders in which `package://NAME/...` is looked up as `NAME/...`.
-
-    ROS and pip packages install robot descriptions there: the folders of the environment variables ROS_PACKAGE_PATH,
-    AMENT_PREFIX_PATH and CMAKE_PREFIX_PATH, then the share folders of this Python.
-    """
-    folders = [Path(entry) for entry in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if entry]
-    for variable in ("AMENT_PREFIX_PATH", "CMAKE_PREFIX_PATH"):
-        folders += [Path(entry) / "share" for entry in os.environ.get(variable, "").split(os.pathsep) if entry]
-    for packages in [*site.getsitepackages(), site.getusersitepackages()]:
-        folders.append(Path(packages) / "cmeel.prefix" / "share")
-    return (*folders, Path(sys.prefix) / "share")
-
-
-def resolve_package(uri: str) -> Path | None:
-    """Return the file of a package URI, or None if no share folder has it.
-
-    Args:
-        uri: the URI, `package://NAME/...`.
-    """
-    relative = uri.removeprefix("package://")
-    return next((folder / relative for folder in share_folders() if os.path.isfile(folder / relative)), None)
-
-
 def model_file(config: Config) -> Path:
     """Return the file that `robot.model` names.
 
     Args:
-        config: the configuration; `robot.model` is a shipped robot, a package file, or a path relative to the
-            configuration.
+        config: the configuration; `robot.model` is a shipped robot, a robot of a source, a package file, or a path
+            relative to the configuration.
 
     Raises:
         RobotError: there is no such robot or file.
@@ -77,6 +55,9 @@ def model_file(config: Config) -> Path:
     name = config.robot.model
     if name in shipped_models():
         return MODELS / f"{name}.xml"
+    source, _, robot = name.partition(":")
+    if source in SOURCES:
+        return source_file(source, robot)
     if name.startswith("package://"):
         file = resolve_package(name)
         if file is None:
@@ -90,7 +71,8 @@ def model_file(config: Config) -> Path:
     if Path(name).suffix.lower() in {".xml", ".mjcf", ".urdf"}:
         raise RobotError(f"there is no file {file}; the shipped robots are: {shipped}", key="robot.model")
     raise RobotError(
-        f"unknown robot {shortened(repr(name))}; give a shipped robot ({shipped}) or an MJCF or URDF file",
+        f"unknown robot {shortened(repr(name))}; give a shipped robot ({shipped}), an MJCF or URDF file, or a robot of "
+        f"`robustopt robots`",
         key="robot.model",
     )
 
@@ -113,7 +95,24 @@ def model_hash(file: Path) -> str:
     return digest.hexdigest()
 
 
-def read_model(file: Path) -> tuple[mujoco.MjSpec, UrdfLimits, tuple[str, ...]]:
+@dataclass(frozen=True, eq=False)
+class Content:
+    """The content of a model file.
+
+    Attributes:
+        spec: the specification.
+        limits: limits of a URDF file that MuJoCo does not keep.
+        inertias: inertias as written that MuJoCo does not take, by name of the body.
+        notes: content that was left out or replaced, in words.
+    """
+
+    spec: mujoco.MjSpec
+    limits: UrdfLimits
+    inertias: Mapping[str, Inertia]
+    notes: tuple[str, ...]
+
+
+def read_model(file: Path, locked: Collection[str] = ()) -> Content:
     """Read a model file.
 
     Joints, bodies and tendons without a name get one. Options, flags and compiler settings of the file that apply to a
@@ -121,29 +120,30 @@ def read_model(file: Path) -> tuple[mujoco.MjSpec, UrdfLimits, tuple[str, ...]]:
 
     Args:
         file: the model file.
-
-    Returns:
-        The specification, the URDF limits that MuJoCo does not keep, and notes on content that was left out.
+        locked: names of joints that do not move.
 
     Raises:
         RobotError: MuJoCo cannot read the file or one that it names, or its joints and links have impossible numbers.
     """
-    limits = UrdfLimits()
-    notes: tuple[str, ...] = ()
+    urdf = None
     parts_of(file, resolve_package)
     with _refused(f"{file}: not a model that MuJoCo can read"):
         if is_urdf(file):
-            text, limits, notes = read_urdf(file, resolve_package)
-            spec = mujoco.MjSpec.from_string(text)
+            urdf = read_urdf(file, resolve_package, locked)
+            spec = mujoco.MjSpec.from_string(urdf.text)
+            take_any_volume(spec)
         else:
             spec = mujoco.MjSpec.from_file(str(file))
+        converted = convert_text(spec)
     spec.compiler.fusestatic = spec.compiler.alignfree = False
     spec.option.disableflags = spec.option.enableflags = 0
     spec.option.density = spec.option.viscosity = 0.0
     _name_all(spec)
     check_model(spec, str(file))
     _keep_masses(spec, file)
-    return spec, limits, notes
+    if urdf is None:
+        return Content(spec, UrdfLimits(), {}, converted)
+    return Content(spec, urdf.limits, urdf.inertias, (*urdf.notes, *converted))
 
 
 def compile_spec(spec: mujoco.MjSpec, file: Path) -> mujoco.MjModel:
@@ -158,6 +158,28 @@ def compile_spec(spec: mujoco.MjSpec, file: Path) -> mujoco.MjModel:
     """
     with _refused(f"{file}: MuJoCo cannot use the model"):
         return spec.compile()
+
+
+def compile_usable(spec: mujoco.MjSpec, file: Path) -> tuple[mujoco.MjModel, tuple[str, ...]]:
+    """Compile a specification, without the meshes that MuJoCo cannot use.
+
+    Args:
+        spec: the specification; the shapes of these meshes are taken out of it.
+        file: its model file, for messages.
+
+    Returns:
+        The model, and a note on each link that lost a shape.
+
+    Raises:
+        RobotError: MuJoCo rejects the model for another reason, or a mass depends on these shapes.
+    """
+    try:
+        return compile_spec(spec, file), ()
+    except RobotError:
+        notes = leave_out_unusable(spec)
+        if not notes:
+            raise
+        return compile_spec(spec, file), notes
 
 
 def joint_names(model: mujoco.MjModel) -> tuple[str, ...]:

@@ -25,9 +25,10 @@ from robustopt.robot.floating_base import (
     require_walker,
 )
 from robustopt.robot.hands import Hand, shares, tool_frames
+from robustopt.robot.inertia import Inertia
 from robustopt.robot.locking import lock_joints
 from robustopt.robot.model_check import require_room
-from robustopt.robot.model_file import USUAL, compile_spec, model_file, read_model
+from robustopt.robot.model_file import USUAL, compile_usable, model_file, read_model
 from robustopt.robot.soles import Sole, environment_contacts
 from robustopt.robot.urdf import UrdfLimits
 
@@ -45,7 +46,8 @@ class RobotModel:
         original: the model as in its file, with all joints, actuators and limits.
         file: the model file.
         urdf_limits: limits of a URDF file that MuJoCo does not keep.
-        notes: content of the file that was left out, in words.
+        inertias: inertias as written that MuJoCo does not take, by name of the body.
+        notes: content of the file that was left out or replaced, in words.
         base: number of coordinates of a floating base, 0 or 6.
         posture: position of every coordinate that the path does not prescribe, by name [rad or m].
         contacts: environment contacts by name.
@@ -56,6 +58,7 @@ class RobotModel:
     original: mujoco.MjModel
     file: Path
     urdf_limits: UrdfLimits
+    inertias: Mapping[str, Inertia]
     notes: tuple[str, ...]
     base: int
     posture: Mapping[str, float]
@@ -74,11 +77,12 @@ def load_model(config: Config) -> RobotModel:
             walking robot has springs, or lacks a foot or a keyframe.
     """
     file = model_file(config)
-    spec, limits, notes = read_model(file)
+    content = read_model(file, config.robot.locked)
+    spec, limits = content.spec, content.limits
     placed = [name for name, given in config.robot.limits.items() if given.position is not None]
     if "all" not in placed:
         require_room(spec, limits.position, {*config.robot.locked, *placed}, str(file))
-    original = compile_spec(spec, file)
+    original, without = compile_usable(spec, file)
     base = base_coordinates(original, file.name)
     _require_matching_path(config, original, base, file.name)
     posture = posture_of(original, base)
@@ -96,10 +100,12 @@ def load_model(config: Config) -> RobotModel:
     lock_joints(spec, original, config.robot.locked, file.name)
     _require_open_chain(spec, file.name)
     _place_base(spec, config.robot.base)
-    notes += _tendon_notes(spec, original)
+    notes = (*content.notes, *without, *_tendon_notes(spec, original))
     world_spec = spec.copy()
     replace_free_joints(spec)
-    return RobotModel(spec, world_spec, original, file, limits, notes, base, posture, contacts, hands)
+    return RobotModel(
+        spec, world_spec, original, file, limits, content.inertias, notes, base, posture, contacts, hands
+    )  # fmt: skip
 
 
 def _require_matching_path(config: Config, model: mujoco.MjModel, base: int, file: str) -> None:

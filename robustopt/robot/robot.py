@@ -19,6 +19,7 @@ from robustopt.errors import RobotError
 from robustopt.robot import dynamics
 from robustopt.robot.dynamics import BodyMotion, Dynamics, Frames
 from robustopt.robot.floating_base import free_joint_positions
+from robustopt.robot.inertia import require_possible, restore
 from robustopt.robot.joint_limits import JointLimits, joint_limits
 from robustopt.robot.model_file import compile_spec, joint_names
 from robustopt.robot.preparation import CARRIER_SITE, RobotModel, load_model
@@ -42,7 +43,7 @@ class Robot:
         spec: specification of the links, to be copied and extended.
         world_spec: the same for simulation, with a free joint in place of the base coordinates.
         original: the model as in its file, with all joints and actuators.
-        notes: content of the model file that was left out, in words.
+        notes: content of the model file that was left out or replaced, in words.
         up: unit vector against gravity, world (3,).
         mass: mass of all links [kg].
         body_names: names of the bodies that have a mass.
@@ -303,6 +304,9 @@ def load_robot(config: Config) -> Robot:
             spec.delete(item)
         spec.option.gravity = config.gravity
     model = compile_spec(parts.spec, parts.file)
+    restore(model, parts.inertias)
+    sites = {model.site(k).name for k in range(model.nsite)}
+    require_possible(model, parts.inertias, sites & {CARRIER_SITE, *parts.contacts}, str(parts.file))
     limits = joint_limits(config, parts, joint_names(model)[parts.base :])
     robot = Robot(parts, model, limits.behind_base(parts.base))
     _require_bodies(config, robot)

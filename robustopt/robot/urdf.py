@@ -1,17 +1,19 @@
-"""URDF files for MuJoCo, without visuals and missing meshes, and the limits in them that MuJoCo drops."""
+"""URDF files for MuJoCo, without visuals and missing meshes, and the content that MuJoCo drops or does not take."""
 
 from __future__ import annotations
 
 import os
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from robustopt.files import read_bytes, read_text
-from robustopt.robot.urdf_check import check_urdf, written_ranges
+from robustopt.robot.inertia import Inertia
+from robustopt.robot.urdf_check import check_urdf, mimics_another, written_ranges
+from robustopt.robot.urdf_inertia import replace_unusable
 
-XACRO = "; expected the URDF that `xacro` makes of it"
+XACRO = "xacro; expected the URDF that `xacro` makes of it: run `xacro {file} -o {urdf}`, and give {urdf}"
 
 MESH_FORMATS = frozenset({".stl", ".obj", ".msh"})
 
@@ -31,37 +33,75 @@ class UrdfLimits:
     position: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class Urdf:
+    """A URDF file as MuJoCo can read it, with the content that MuJoCo drops or does not take.
+
+    Attributes:
+        text: the file for MuJoCo.
+        limits: the joint limits.
+        inertias: inertias as written that MuJoCo does not take, by name of the link.
+        notes: the content that was left out or replaced, in words.
+    """
+
+    text: str
+    limits: UrdfLimits
+    inertias: Mapping[str, Inertia]
+    notes: tuple[str, ...]
+
+
 def is_urdf(file: Path) -> bool:
-    """Return whether a file is a URDF file, which has the suffix `.urdf` or the root element `robot`.
+    """Return whether a file is a URDF or xacro file, by its suffix or by the root element `robot`.
 
     Args:
         file: the file.
     """
-    return file.suffix.lower() == ".urdf" or "<robot" in read_bytes(file).decode("utf-8", "replace")[:4000]
+    return file.suffix.lower() in (".urdf", ".xacro") or "<robot" in read_bytes(file).decode("utf-8", "replace")[:4000]
 
 
-def read_urdf(file: Path, resolve_package: Callable[[str], Path | None]) -> tuple[str, UrdfLimits, tuple[str, ...]]:
+def read_urdf(file: Path, resolve_package: Callable[[str], Path | None], locked: Collection[str]) -> Urdf:
     """Read a URDF file for MuJoCo.
 
     Args:
         file: the URDF file.
         resolve_package: function that finds the file of `package://NAME/...`.
-
-    Returns:
-        Text that MuJoCo can read, the joint limits, and notes on content that was left out.
+        locked: names of joints that do not move.
 
     Raises:
         ValueError: the file is not well-formed XML, or it is a xacro file.
         RobotError: names or numbers of its joints and links are wrong.
     """
     text = read_text(file)
+    name = file.name.removesuffix(".xacro").removesuffix(".urdf")
+    xacro = XACRO.format(file=file.name, urdf=f"{name}_made.urdf" if file.suffix == ".urdf" else f"{name}.urdf")
+    if file.suffix.lower() == ".xacro":
+        raise ValueError(f"found {xacro}")
     try:
         root = ET.fromstring(text)
     except ET.ParseError as error:
-        raise ValueError(f"not well-formed XML: {error}{XACRO if 'xacro:' in text else ''}") from error
+        raise ValueError(f"not well-formed XML: {error}{f'; found {xacro}' if 'xacro:' in text else ''}") from error
     if any("${" in value or "$(" in value for item in root.iter() for value in item.attrib.values()):
-        raise ValueError(f"found variables of xacro{XACRO}")
-    check_urdf(root, str(file))
+        raise ValueError(f"found {xacro}")
+    check_urdf(root, locked, str(file))
+    _leave_out_unknown_mimics(root)
+    without = _leave_out_shapes(root, file.parent, resolve_package)
+    inertias, notes = replace_unusable(root)
+    _set_compiler(root)
+    return Urdf(ET.tostring(root, encoding="unicode"), _limits(root), inertias, (*_notes(without), *notes))
+
+
+def _leave_out_unknown_mimics(root: ET.Element) -> None:
+    """Take out the mimics of joints that do not exist; `check_urdf` accepts them on locked joints alone."""
+    joints = [joint.get("name", "") for joint in root.findall("joint")]
+    for joint in root.findall("joint"):
+        for mimic in joint.findall("mimic") if not mimics_another(joint, joints) else ():
+            joint.remove(mimic)
+
+
+def _leave_out_shapes(
+    root: ET.Element, folder: Path, resolve_package: Callable[[str], Path | None]
+) -> list[tuple[str, str]]:
+    """Take out visuals, and the collision meshes that MuJoCo cannot read; return these, pairs of link and file."""
     without: list[tuple[str, str]] = []
     for link in root.iter("link"):
         for visual in link.findall("visual"):
@@ -70,14 +110,13 @@ def read_urdf(file: Path, resolve_package: Callable[[str], Path | None]) -> tupl
             mesh = collision.find("geometry/mesh")
             if mesh is None:
                 continue
-            found = _mesh_file(mesh.get("filename", ""), file.parent, resolve_package)
+            found = _mesh_file(mesh.get("filename", ""), folder, resolve_package)
             if found is None:
                 link.remove(collision)
                 without.append((link.get("name", ""), mesh.get("filename", "")))
             else:
                 mesh.set("filename", str(found))
-    _set_compiler(root)
-    return ET.tostring(root, encoding="unicode"), _limits(root), _notes(without)
+    return without
 
 
 def _notes(without: Sequence[tuple[str, str]]) -> tuple[str, ...]:

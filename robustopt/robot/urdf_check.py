@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from math import inf, isfinite, isnan
 
 from robustopt.errors import ConfigProblem, RobotError
@@ -37,23 +37,23 @@ _OF_LINK: tuple[tuple[str, str, str, Check], ...] = (
     ("inertial/mass", "value", "mass", AT_LEAST_ZERO),
     ("inertial/origin", "xyz", "centre of mass", FINITE),
     ("inertial/origin", "rpy", "orientation of the inertia", FINITE),
-    *(("inertial/inertia", f"i{k}", f"inertia i{k}", AT_LEAST_ZERO) for k in ("xx", "yy", "zz")),
-    *(("inertial/inertia", f"i{k}", f"inertia i{k}", FINITE) for k in ("xy", "xz", "yz")),
+    *(("inertial/inertia", f"i{k}", f"inertia i{k}", FINITE) for k in ("xx", "yy", "zz", "xy", "xz", "yz")),
 )
 """Numbers of a joint and of a link: the element, the attribute, its words, and the values that are allowed."""
 
 
-def check_urdf(root: ET.Element, file: str) -> None:
+def check_urdf(root: ET.Element, locked: Collection[str], file: str) -> None:
     """Check the joints and links of a URDF file.
 
     Args:
         root: root of the file.
+        locked: names of joints that do not move, so that it does not matter which joint they mimic.
         file: the file, for messages.
 
     Raises:
         RobotError: names are missing, unknown or given twice, or numbers are impossible; the error lists all of them.
     """
-    findings = [*_names(root), *_numbers(root), *_ranges(root)]
+    findings = [*_names(root, locked), *_numbers(root), *_ranges(root)]
     if findings:
         raise RobotError([ConfigProblem("robot.model", f"{file}: {finding}") for finding in findings])
 
@@ -73,7 +73,7 @@ def written_ranges(root: ET.Element) -> dict[str, tuple[float, float]]:
     return found
 
 
-def _names(root: ET.Element) -> Iterator[str]:
+def _names(root: ET.Element, locked: Collection[str]) -> Iterator[str]:
     links = [link.get("name", "") for link in root.findall("link")]
     joints = [joint.get("name", "") for joint in root.findall("joint")]
     for noun, names in (("joint", joints), ("link", links)):
@@ -90,9 +90,23 @@ def _names(root: ET.Element) -> Iterator[str]:
                 found = f"there is no link {link!r}" if link else "no link is given"
                 yield f"joint {name}: {found} for its {role}; expected one of {', '.join(links)}"
         mimic = joint.find("mimic")
-        if mimic is not None and (mimic.get("joint") not in joints or mimic.get("joint") == name):
+        if mimic is not None and name not in locked and not mimics_another(joint, joints):
             others = ", ".join(other for other in joints if other != name) or "no mimic, as it is the only joint"
-            yield f"joint {name}: mimics {mimic.get('joint')!r}, but there is no such other joint; expected {others}"
+            yield (
+                f"joint {name}: mimics {mimic.get('joint')!r}, but there is no such other joint; lock the joint "
+                f"(robot.locked: {{{name}: ...}}), or expected {others}"
+            )
+
+
+def mimics_another(joint: ET.Element, joints: Collection[str]) -> bool:
+    """Return whether a joint mimics another joint of the file.
+
+    Args:
+        joint: the joint.
+        joints: names of all joints.
+    """
+    mimic = joint.find("mimic")
+    return mimic is not None and mimic.get("joint") in joints and mimic.get("joint") != joint.get("name", "")
 
 
 def _numbers(root: ET.Element) -> Iterator[str]:

@@ -9,12 +9,12 @@ from pathlib import Path
 
 from robustopt.config import Config
 from robustopt.config.margin import without_margin
-from robustopt.errors import ConfigError, RunFolderError
+from robustopt.errors import ConfigError
 from robustopt.files import read_bytes, written
 from robustopt.runs.origin import unchanged_config, write_origin
 from robustopt.runs.plan_run import PLAN, PlanResult, summary, write_run
 from robustopt.runs.records import ExecutionsRecord, FeedbackRecord, FirstFailure, RunStatus, Summary
-from robustopt.runs.store import SUMMARY, read_summary, write_record
+from robustopt.runs.store import SUMMARY, require_plan, write_record
 from robustopt.runs.stored_plan import read_plan
 from robustopt.simulation import Executions, Status, Workers, execute
 from robustopt.simulation.monte_carlo import Progress
@@ -93,11 +93,7 @@ def execute_stored(
         RunFolderError: the run has no plan or a rejected one, or is not as it was written.
         ConfigError: the plan depends on an override.
     """
-    known = read_summary(folder)
-    if known.duration is None:
-        raise RunFolderError(f"{folder}: the run has no plan ({known.status}); expected one that was solved")
-    if known.rejected:
-        raise RunFolderError(f"{folder}: its plan failed its certificate and was rejected; expected one that passed")
+    known = require_plan(folder)
     _require_free(overrides)
     config = unchanged_config(folder, overrides)
     plan = read_plan(config, folder / PLAN)

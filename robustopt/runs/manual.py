@@ -10,11 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from robustopt.arrays import Array
+from robustopt.exports.tables import write_trajectory_csv
 from robustopt.files import MOST_BYTES, read_text
 from robustopt.learning.moments import Moments
 from robustopt.runs.journal import Execution
 from robustopt.runs.plan_run import PlanResult
-from robustopt.solvers.trajectory import Trajectory, write_trajectory_csv
+from robustopt.solvers.trajectory import Trajectory
 
 NEXT = "next_trajectory.csv"
 

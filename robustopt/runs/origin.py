@@ -69,9 +69,12 @@ def _as_text(argument: str) -> str:
 
 
 def _waypoints_hash(config: Config) -> str | None:
-    """Return the SHA-256 of the file of joint waypoints; None if the configuration has none, or the file is missing."""
-    file = config.folder / config.path.joints if isinstance(config.path.joints, str) else None
-    return hashlib.sha256(read_bytes(file)).hexdigest() if file is not None and os.path.isfile(file) else None
+    """Return the SHA-256 of the files of joint waypoints; None if the configuration has none, or one is missing."""
+    files = [config.folder / name for name in config.path.joint_files]
+    if not files or not all(map(os.path.isfile, files)):
+        return None
+    hashes = [hashlib.sha256(read_bytes(file)).hexdigest() for file in files]
+    return hashes[0] if len(hashes) == 1 else hashlib.sha256("".join(hashes).encode()).hexdigest()
 
 
 def versions() -> dict[str, str | None]:
@@ -129,7 +132,7 @@ def unchanged_config(folder: Path, overrides: Sequence[str] = ()) -> Config:
     if model_hash(model_file(config)) != origin.robot_model.sha256:
         raise _changed(folder, f"the model file of {config.robot.model}, or one that it names, has")
     if origin.waypoints_sha256 is not None and _waypoints_hash(config) != origin.waypoints_sha256:
-        raise _changed(folder, f"the waypoints {config.path.joints} have")
+        raise _changed(folder, f"the waypoints {', '.join(config.path.joint_files)} have")
     return load_config(folder / CONFIG, overrides) if overrides else config
 
 

@@ -117,6 +117,8 @@ def summary(result: PlanResult) -> Summary:
         message += f" {accuracy.sentence}"
     if certificate is not None and not certificate.passed:
         message = certificate.sentence
+    elif certificate is not None:
+        message += _comparison(plan.duration, plan.problem.path.recorded)
     return Summary(
         kind="plan",
         name=result.config.name,
@@ -130,10 +132,19 @@ def summary(result: PlanResult) -> Summary:
         diagnosis=DiagnosisRecord.model_validate(diagnosis) if diagnosis is not None else None,
         size=problem_size(plan.problem),
         grid=GridRecord.model_validate(accuracy) if accuracy is not None else None,
-        notes=tuple(plan.problem.robot.notes),
+        recorded=plan.problem.path.recorded,
+        notes=(*plan.problem.robot.notes, *plan.problem.path.notes),
         statistics=dict(plan.statistics),
         seconds=dict(result.seconds),
     )
+
+
+def _comparison(planned: float, recorded: float | None) -> str:
+    """Return a sentence about the duration of a plan and of its recording; empty without one."""
+    if not recorded:
+        return ""
+    faster = f"{recorded / planned:.2f} times as fast" if recorded >= planned else "which is slower"
+    return f" Recorded duration {recorded:.4f} s, planned {planned:.4f} s: {faster}."
 
 
 def _certificate(certificate: Certificate, plan: Plan) -> CertificateRecord:

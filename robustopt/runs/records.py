@@ -281,6 +281,7 @@ class Summary(Record):
         kind, name, status, message: the command, the task, how it ended, and the same in sentences.
         without_margin: sentence about the quantities for which the plan has no margin.
         method, duration: solver, and duration of the motion [s]; None without a plan.
+        recorded: duration of the recording that the path follows; None without one [s].
         binding: share of the duration in which each limit binds.
         grid: accuracy of the grid; None if the number of its intervals was given.
         statistics: figures of the solution process.
@@ -296,6 +297,7 @@ class Summary(Record):
     without_margin: str | None = None
     method: str | None = None
     duration: float | None = None
+    recorded: float | None = None
     binding: dict[str, float] = {}
     certificate: CertificateRecord | None = None
     diagnosis: DiagnosisRecord | None = None

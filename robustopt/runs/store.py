@@ -106,6 +106,23 @@ def read_summary(folder: Path) -> Summary:
     return _read(folder / SUMMARY, Summary)
 
 
+def require_plan(folder: Path) -> Summary:
+    """Return the summary of a run that has a plan to execute.
+
+    Args:
+        folder: folder of the run.
+
+    Raises:
+        RunFolderError: the run has no plan or a rejected one, or there is no complete run in the folder.
+    """
+    known = read_summary(folder)
+    if known.duration is None:
+        raise RunFolderError(f"{folder}: the run has no plan ({known.status}); expected one that was solved")
+    if known.rejected:
+        raise RunFolderError(f"{folder}: its plan failed its certificate and was rejected; expected one that passed")
+    return known
+
+
 def read_provenance(folder: Path) -> Provenance:
     """Return the provenance of a run, complete or not.
 

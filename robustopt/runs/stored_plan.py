@@ -19,7 +19,7 @@ from robustopt.path import Path as RobotPath
 from robustopt.path import build_path
 from robustopt.robot import load_robot
 from robustopt.solvers import Plan
-from robustopt.solvers.plan import solved_plan
+from robustopt.solvers.plan import jerk_plan, solved_plan
 from robustopt.solvers.trajectory import Trajectory
 
 SAME_PATH = 1e-9
@@ -49,7 +49,11 @@ def read_plan(config: Config, path: Path) -> Plan:
     grid = _grid_of(s, line)
     if grid is None or np.abs(line.evaluate(s, grid.piece) - q).max() > SAME_PATH:
         raise _changed(path, "not on the path of the configuration beside it")
-    plan = solved_plan(rows_along(build_track(robot, line, grid), config), sd**2, "stored", {})
+    problem = rows_along(build_track(robot, line, grid), config)
+    if np.isfinite(robot.limits.jerk).any():
+        plan = jerk_plan(problem, sd**2, np.where(problem.rest, 0.0, numbers[:, 3]), "stored", {})
+    else:
+        plan = solved_plan(problem, sd**2, "stored", {})
     if (sd < 0).any() or not _same_times(plan, numbers[:, 0]):
         raise _changed(path, "its times are not those of its speeds sd")
     return plan

@@ -203,7 +203,8 @@ def faster(plan: Plan, speed: float) -> Plan:
         speed: factor on its speed.
     """
     x = (speed * np.sqrt(np.maximum(plan.x, 0.0))) ** 2
-    return replace(plan, x=x, u=controls_of(plan.problem.ds, x), duration=plan.duration / speed)
+    u = controls_of(plan.problem.ds, x) if plan.steady else speed**2 * plan.u
+    return replace(plan, x=x, u=u, change=speed**2 * plan.change, duration=plan.duration / speed)
 
 
 def _require_usable(trajectory: Trajectory, execution: ExecutionConfig) -> None:

@@ -139,7 +139,7 @@ def planned_forces(plan: Plan) -> ContactForces:
     trajectory = Trajectory.from_plan(plan)
     interval = np.arange(len(plan.u))
     points = np.concatenate([[0], np.column_stack([interval, interval + 1]).ravel(), [len(plan.s) - 1]])
-    u = np.concatenate([[0.0], np.repeat(plan.u, 2), [0.0]])
+    u = np.concatenate([[0.0], np.column_stack([plan.u, plan.u_end]).ravel(), [0.0]])
     x = np.concatenate([[0.0], plan.x[points[1:-1]], [0.0]])
     middle = np.concatenate([[0.0], np.repeat(0.5 * (plan.s[:-1] + plan.s[1:]), 2), [1.0]])
     phases = len(path.stances)

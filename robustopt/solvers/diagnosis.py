@@ -153,7 +153,7 @@ def _point(problem: TimeScalingProblem, point: int) -> int:
 
 
 def _solved(problem: TimeScalingProblem) -> Plan:
-    return solve(replace(problem, config=for_time(problem.config)), "reachability")
+    return solve(replace(problem, config=for_time(problem.config)), "reachability", jerk=False)
 
 
 def _solvable(problem: TimeScalingProblem) -> bool:
@@ -289,7 +289,7 @@ class _Trial:
                 track = build_track(load_robot(config), self.problem.path, track.grid)
             changed = rows_along(track, config)
             if method == "ipopt" and self.limits is None:
-                return solve(changed).status is Status.SOLVED
+                return solve(changed, jerk=False).status is Status.SOLVED
         except ConfigError:
             return False
         return _solvable(changed if self.limits is None else changed.only(self.limits))

@@ -79,7 +79,7 @@ def _minimise(
     upper = problem.x_max[free] / size
     start = np.clip(guess[free] / size, 10 * SMALLEST_X, 0.999 * upper)
     with held() as interruptions:
-        stop = _Stop(len(free), len(right), interruptions)
+        stop = Stop(len(free), len(right), interruptions)
         program = {"x": part, "f": objective, "g": matrix @ part}
         solver = ca.nlpsol("outer", "ipopt", program, {**options, "iteration_callback": stop})
         answer = solver(x0=start, lbx=SMALLEST_X, ubx=upper, lbg=-np.inf, ubg=right)
@@ -91,7 +91,7 @@ def _minimise(
     return result, str(stats["return_status"]), int(stats["iter_count"])
 
 
-class _Stop(ca.Callback):  # type: ignore[misc]
+class Stop(ca.Callback):  # type: ignore[misc]
     """Callback that ends Ipopt within a few iterations of an interruption; an exception would be caught by Ipopt."""
 
     def __init__(self, variables: int, rows: int, interruptions: list[int]) -> None:

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robustopt.arrays import Array, Flags, Indices
+from robustopt.arrays import Array, Indices
 from robustopt.compiled import compiled
 from robustopt.config.margin import has_intervals
 from robustopt.limits import TimeScalingProblem
-from robustopt.limits.names import LimitName
 from robustopt.views import view
 
 if TYPE_CHECKING:
@@ -22,9 +21,6 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
     from pandas import DataFrame
-
-ACTIVE_TOLERANCE = 1e-4
-"""Fraction of its limit within which a row binds; solver tolerances are a hundredth of it."""
 
 
 class Status(Enum):
@@ -71,7 +67,8 @@ class Plan:
         s: grid points in [0, 1] (P,).
         piece: piece of the path that each grid point belongs to (P,).
         x: sd^2 at the grid points (P,) [1/s^2]; empty without a timing.
-        u: sdd on each interval (P - 1,) [1/s^2], 0 on intervals without length; empty without a timing.
+        u: sdd at the start of each interval (P - 1,) [1/s^2], 0 on intervals without length; empty without a timing.
+        change: change of sdd on each interval, at a constant rate in time (P - 1,) [1/s^2]; 0 without jerk limits.
         duration: sum over the intervals [s]; infinite without a timing.
         problem: the problem with all rows that the solver has found.
         statistics: figures of the solution process by name.
@@ -85,6 +82,7 @@ class Plan:
     piece: Indices
     x: Array
     u: Array
+    change: Array
     duration: float
     problem: TimeScalingProblem = field(repr=False)
     statistics: Mapping[str, float]
@@ -93,7 +91,27 @@ class Plan:
     @cached_property
     def active(self) -> tuple[tuple[str, ...], ...]:
         """Return the names of the limits that bind at either end of each interval; empty without a timing."""
-        return _active(self.problem, self.x, self.u) if self.status is Status.SOLVED else ()
+        return view("robustopt.solvers.binding.active", self) if self.status is Status.SOLVED else ()
+
+    @property
+    def steady(self) -> bool:
+        """Return whether sdd is constant on each interval, as in plans without jerk limits."""
+        return not self.change.any()
+
+    @property
+    def u_end(self) -> Array:
+        """Return sdd at the end of each interval (P - 1,) [1/s^2]."""
+        return self.u + self.change
+
+    @cached_property
+    def steps(self) -> Array:
+        """Return the time of each interval (P - 1,) [s]; 0 on intervals without length, infinite if the robot rests."""
+        speed, ds = np.sqrt(self.x), self.problem.ds
+        mean = 0.5 * (speed[:-1] + speed[1:])
+        steps = np.zeros(len(ds))
+        moving = ds > 0.0
+        steps[moving] = interval_times(ds[moving], mean[moving], self.change[moving])
+        return steps
 
     def export(self, folder: FilePath | str, period: float | None = None) -> list[FilePath]:
         """Write the plan into a folder, in the formats of a run folder.
@@ -110,7 +128,7 @@ class Plan:
             Infeasible: the plan has no timing.
             ConfigError: the period is not positive, or too short.
         """
-        return view("robustopt.solvers.trajectory.export", self, folder, period)
+        return view("robustopt.exports.folder.write_folder", self, folder, period)
 
     def to_frame(self) -> DataFrame:
         """Return the plan at its grid points as a table: t, s, sd, sdd, q_<joint>, qd_<joint>, qdd_<joint>.
@@ -169,17 +187,31 @@ def timing(ds, x):  # type: ignore[no-untyped-def]
     return duration, u
 
 
-def interval_ends(problem: TimeScalingProblem, x: Array, u: Array) -> tuple[Array, Array, Indices]:
-    """Return u, x and the grid point at both ends of every interval that has a length, (M,) each.
+def interval_times(ds: Array, mean: Array, change: Array) -> Array:
+    """Return the time of intervals on which sdd changes at a constant rate, ds = mean dt - change dt^2 / 12, (M,) [s].
 
     Args:
-        problem: the problem.
-        x: sd^2 (P,).
-        u: sdd on each interval (P - 1,).
+        ds: lengths (M,).
+        mean: mean of the speeds sd at both ends (M,) [1/s].
+        change: sdd at the end less sdd at the start (M,) [1/s^2].
     """
-    moving = np.flatnonzero(problem.ds > 0)
-    points = np.r_[moving, moving + 1]
-    return np.r_[u[moving], u[moving]], x[points], points
+    return np.asarray(2.0 * ds / (mean + np.sqrt(np.maximum(mean**2 - change * ds / 3.0, 0.0))))
+
+
+def interval_ends(plan: Plan) -> tuple[Array, Array, Indices]:
+    """Return u, x and the grid point at both ends of every interval that has a length, (M,) each.
+
+    If u changes on the intervals, the mean of each is there at both of its ends too.
+
+    Args:
+        plan: a plan with a timing.
+    """
+    moving = np.flatnonzero(plan.problem.ds > 0)
+    points, u, u_end = np.r_[moving, moving + 1], plan.u[moving], plan.u_end[moving]
+    if plan.steady:
+        return np.r_[u, u], plan.x[points], points
+    mean = 0.5 * (u + u_end)
+    return np.r_[u, u_end, mean, mean], np.r_[plan.x[points], plan.x[points]], np.r_[points, points]
 
 
 def solved_plan(problem: TimeScalingProblem, x: Array, method: str, statistics: Mapping[str, float]) -> Plan:
@@ -208,10 +240,30 @@ def timed_plan(
         method: name of the solver.
         statistics: figures of the solution process by name.
     """
-    for array in (x, u):
+    change = np.zeros_like(u)
+    for array in (x, u, change):
         array.flags.writeable = False
     message = outcome(Status.SOLVED, problem)
-    return Plan(Status.SOLVED, message, method, problem.s, problem.piece, x, u, duration, problem, statistics)
+    return Plan(Status.SOLVED, message, method, problem.s, problem.piece, x, u, change, duration, problem, statistics)
+
+
+def jerk_plan(problem: TimeScalingProblem, x: Array, sdd: Array, method: str, statistics: Mapping[str, float]) -> Plan:
+    """Return the plan of a solution in which sdd changes at a constant rate on each interval.
+
+    Args:
+        problem: the problem.
+        x: sd^2 (P,); becomes read-only.
+        sdd: sdd at the grid points (P,).
+        method: name of the solver.
+        statistics: figures of the solution process by name.
+    """
+    moving = problem.ds > 0.0
+    u, change = np.where(moving, sdd[:-1], 0.0), np.where(moving, np.diff(sdd), 0.0)
+    for array in (x, u, change):
+        array.flags.writeable = False
+    message = outcome(Status.SOLVED, problem)
+    plan = Plan(Status.SOLVED, message, method, problem.s, problem.piece, x, u, change, np.inf, problem, statistics)
+    return replace(plan, duration=float(plan.steps.sum()))
 
 
 def failed_plan(
@@ -228,65 +280,4 @@ def failed_plan(
         statistics: figures of the solution process by name.
     """
     none = np.zeros(0)
-    return Plan(status, message, method, problem.s, problem.piece, none, none, np.inf, problem, statistics, stuck)
-
-
-def binding_rows(problem: TimeScalingProblem, x: Array, u: Array) -> Flags:
-    """Return whether each row binds at either end of each interval, (P - 1, m).
-
-    Args:
-        problem: the problem.
-        x: sd^2 (P,).
-        u: sdd on each interval (P - 1,).
-    """
-    return np.asarray(_binding_ends(problem, x, u).any(axis=0))
-
-
-def _binding_ends(problem: TimeScalingProblem, x: Array, u: Array) -> Flags:
-    """Return whether each row binds at the start and at the end of each interval, (2, P - 1, m)."""
-    at_start = problem.a[:-1] * u[:, None] + problem.b[:-1] * x[:-1, None] + problem.c[:-1] > -ACTIVE_TOLERANCE
-    at_end = problem.a[1:] * u[:, None] + problem.b[1:] * x[1:, None] + problem.c[1:] > -ACTIVE_TOLERANCE
-    return np.asarray(np.stack([at_start, at_end]) & (problem.ds > 0)[:, None])
-
-
-def _active(problem: TimeScalingProblem, x: Array, u: Array) -> tuple[tuple[str, ...], ...]:
-    """Return the names of the limits that bind at either end of each interval, in the order of the columns."""
-    ends = _binding_ends(problem, x, u)
-    tipping = _tipping(problem, x, u, ends)
-    names: list[dict[str, None]] = [{} for _ in u]
-    for i, k in np.argwhere(ends.any(axis=0)):
-        name = problem.row_names[k]
-        names[i][tipping.get((i, name), name)] = None
-    fast = (x >= problem.x_max * (1 - ACTIVE_TOLERANCE)) & (problem.x_max > 0)
-    for i in np.flatnonzero(problem.ds > 0):
-        for k in (i, i + 1):
-            if fast[k]:
-                names[i][problem.x_max_names[k]] = None
-    return tuple(tuple(row) for row in names)
-
-
-def _tipping(problem: TimeScalingProblem, x: Array, u: Array, ends: Flags) -> dict[tuple[int, str], LimitName]:
-    """Return the intervals and names of slip limits that are tipping or peeling, with the name of the latter.
-
-    A body that tips over a corner of its patch may also turn about this corner, so rows that bound slip bind together
-    with those of tipping, and any of them may have bounded (u, x). Friction does not matter then.
-
-    Args:
-        problem: the problem.
-        x: sd^2 (P,).
-        u: sdd on each interval (P - 1,).
-        ends: whether each row binds at the start and at the end of each interval (2, P - 1, m).
-    """
-    found: dict[tuple[int, str], LimitName] = {}
-    for limit in problem.limits.contacts:
-        slip, *others = limit.names
-        if not others or others[0] == slip:
-            continue
-        slips = np.asarray(ends[:, :, [name == slip for name in problem.row_names]].any(axis=2))
-        free = slips.copy()
-        for end in (0, 1):
-            at = np.flatnonzero(slips[end])
-            free[end, at] = ~limit.tips(u[at], x[at + end], at + end, ACTIVE_TOLERANCE)
-        for i in np.flatnonzero(slips.any(axis=0) & ~free.any(axis=0)):
-            found[int(i), slip] = others[0]
-    return found
+    return Plan(status, message, method, problem.s, problem.piece, none, none, none, np.inf, problem, statistics, stuck)

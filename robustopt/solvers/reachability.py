@@ -14,7 +14,8 @@ import time
 
 import numpy as np
 
-from robustopt.compiled import compiled
+from robustopt.arrays import Array
+from robustopt.compiled import compiled, compiled_inner, merged
 from robustopt.limits import TimeScalingProblem
 from robustopt.solvers.interior_point import polish
 from robustopt.solvers.plan import Plan, Status, controls_of, duration_of, failed_plan, outcome, timed_plan, timing
@@ -34,11 +35,13 @@ def solve_reachability(problem: TimeScalingProblem) -> Plan:
         problem: the problem.
     """
     began = time.perf_counter()
-    x, u, duration, least, stuck = _timed_passes(
-        problem.feasible, problem.a, problem.b, problem.c, problem.x_max, problem.ds
-    )
+    x, bound, stuck = passes(problem.a, problem.b, problem.c, problem.x_max, problem.ds)
+    closed = np.flatnonzero(~problem.feasible)
+    stuck = closed[0] if len(closed) else stuck
     if stuck >= 0:
         return _stuck(problem, stuck, began)
+    duration, u = timing(problem.ds, x)
+    least = timing(problem.ds, bound)[0] if np.any(bound > x) else duration
     gap = 1.0 - least / duration
     polished = gap > OPTIMALITY_GAP
     if polished:
@@ -53,51 +56,41 @@ def solve_reachability(problem: TimeScalingProblem) -> Plan:
     return timed_plan(problem, x, u, duration, "reachability", statistics)
 
 
-@compiled(error_model="numpy")
-def _timed_passes(feasible, a, b, c, x_max, ds):
-    """Return the timing of the forward pass, its controls and duration, the lower bound, and the grid point if stuck.
-
-    `feasible` tells whether any (u, x) satisfies the rows of a grid point (P,); other arguments as of `passes`.
-    """
-    x, bound, stuck = passes(a, b, c, x_max, ds)
-    for i in range(len(feasible) - 1, -1, -1):
-        stuck = stuck if feasible[i] else i
-    duration, u = timing(ds, x)
-    least = timing(ds, bound)[0] if np.any(bound > x) else duration
-    return x, u, duration, least, stuck
-
-
 def _stuck(problem: TimeScalingProblem, point: int, began: float) -> Plan:
     statistics = {"solver_seconds": time.perf_counter() - began}
     message = outcome(Status.INFEASIBLE, problem)
     return failed_plan(problem, Status.INFEASIBLE, "reachability", message, point, statistics)
 
 
-@compiled(error_model="numpy")
-def _gather(a, b, c, i, step, A, B, C, m):
-    """Append the rows of a grid point that are not padding; x + step u is the x of the point."""
-    for k in range(a.shape[1]):
-        if a[i, k] != 0.0 or b[i, k] != 0.0:
-            A[m] = a[i, k] + step * b[i, k]
-            B[m] = b[i, k]
-            C[m] = c[i, k]
-            m += 1
-        elif c[i, k] > FEASIBILITY:
-            A[m], B[m], C[m] = 0.0, 0.0, c[i, k]
-            m += 1
-    return m
+@compiled_inner(error_model="numpy")
+def _gather(a, b, c, i, step, A, B, C):
+    """List the rows of grid points i and i + 1 that are not padding, from place 2 on; return where they end.
+
+    x + step u is the x of grid point i + 1.
+    """
+    n = 2
+    for end in range(2):
+        p, along = i + end, end * step
+        for k in range(a.shape[1]):
+            if a[p, k] != 0.0 or b[p, k] != 0.0:
+                A[n], B[n], C[n] = a[p, k] + along * b[p, k], b[p, k], c[p, k]
+                n += 1
+            elif c[p, k] > FEASIBILITY:
+                A[n], B[n], C[n] = 0.0, 0.0, c[p, k]
+                n += 1
+    return n
 
 
-@compiled(error_model="numpy")
+@compiled_inner(error_model="numpy")
 def _extreme_x(A, B, C, m, x_max, sign, order):
-    """Return the largest (sign 1) or smallest (sign -1) x in [0, x_max] with A u + B x + C <= 0 for some u, else nan.
+    """Return the largest or smallest x in [0, x_max] with A u + B x + C <= 0 for some u, else nan; sign: 1.0 or -1.0.
 
     This is incremental linear programming in two variables (Seidel): a violated row moves the optimum onto its line.
     `order` is the order of the rows; indices from m on are skipped. A violated row moves to the front, because a row
     that binds at one grid point mostly binds at the next, too. The indices are unsigned: compiled code then need not
     check for indices that count from the end.
     """
-    x = x_max if sign > 0 else 0.0
+    x = x_max if sign > 0.0 else 0.0
     u = 0.0
     for p in range(len(order)):
         i = order[p]
@@ -145,7 +138,7 @@ def _extreme_x(A, B, C, m, x_max, sign, order):
     return min(max(x, 0.0), x_max)
 
 
-@compiled(error_model="numpy")
+@merged
 def _holds_at_rest(A, C, m):
     """Return whether some u satisfies A u + C <= 0: then the smallest x is 0, which is nearly always so."""
     above = 0
@@ -164,8 +157,7 @@ def _holds_at_rest(A, C, m):
     return low <= high
 
 
-@compiled(error_model="numpy")
-def passes(a, b, c, x_max, ds):
+def passes(a: Array, b: Array, c: Array, x_max: Array, ds: Array) -> tuple[Array, Array, int]:
     """Run the backward and the forward pass.
 
     Args:
@@ -180,55 +172,65 @@ def passes(a, b, c, x_max, ds):
         robot cannot move on, or -1.
     """
     P, m = a.shape
-    low, high, x, bound = np.zeros(P), np.zeros(P), np.zeros(P), np.zeros(P)
-    A, B, C = np.empty(2 * m + 4), np.empty(2 * m + 4), np.empty(2 * m + 4)
-    fast, slow = np.arange(2 * m + 2, dtype=np.uint32), np.arange(2 * m + 2, dtype=np.uint32)
-    high[P - 1] = x_max[P - 1]
-    for i in range(P - 2, -1, -1):
+    low, high, x, bound = np.zeros((4, P))
+    A, B, C = np.empty((3, 2 * m + 2))
+    fast, slow, order = np.tile(np.arange(2 * m + 2, dtype=np.uint32), (3, 1))
+    stuck = _backward(a, b, c, x_max, ds, low, high, A, B, C, fast, slow)
+    if stuck < 0:
+        _forward(a, b, c, ds, low, high, x, bound, A, B, C, order)
+    return x, bound, stuck
+
+
+@compiled(error_model="numpy", _nrt=False)
+def _backward(a, b, c, x_max, ds, low, high, A, B, C, fast, slow):
+    """Find the controllable sets; return the grid point at which none is left, or -1."""
+    high[-1] = x_max[-1]
+    for i in range(len(ds) - 1, -1, -1):
         if ds[i] == 0.0:
             low[i], high[i] = low[i + 1], min(high[i + 1], x_max[i])
         else:
             step = 2.0 * ds[i]
             A[0], B[0], C[0] = step, 1.0, -high[i + 1]
             A[1], B[1], C[1] = -step, -1.0, low[i + 1]
-            n = _gather(a, b, c, i, 0.0, A, B, C, 2)
-            n = _gather(a, b, c, i + 1, step, A, B, C, n)
-            high[i] = _extreme_x(A, B, C, n, x_max[i], 1, fast)
-            low[i] = 0.0 if _holds_at_rest(A, C, n) else _extreme_x(A, B, C, n, x_max[i], -1, slow)
+            n = _gather(a, b, c, i, step, A, B, C)
+            high[i] = _extreme_x(A, B, C, n, x_max[i], 1.0, fast)
+            low[i] = 0.0 if _holds_at_rest(A, C, n) else _extreme_x(A, B, C, n, x_max[i], -1.0, slow)
         if not low[i] <= high[i] or (ds[i] > 0.0 and high[i] == 0.0 and high[i + 1] == 0.0):
-            return x, bound, i
-    if low[0] > FEASIBILITY:
-        return x, bound, 0
-    for i in range(P - 1):
+            return i
+    return 0 if low[0] > FEASIBILITY else -1
+
+
+@compiled(error_model="numpy", _nrt=False)
+def _forward(a, b, c, ds, low, high, x, bound, A, B, C, order):
+    """Find the timing and its bound in the controllable sets."""
+    for i in range(len(ds)):
         if ds[i] == 0.0:
             x[i + 1], bound[i + 1] = x[i], bound[i]
             continue
         step = 2.0 * ds[i]
         u, decreasing = (high[i + 1] - x[i]) / step, False
-        for k in range(m):
-            rest = b[i, k] * x[i] + c[i, k]
-            if a[i, k] > 0.0 and -rest < u * a[i, k]:
-                u, decreasing = -rest / a[i, k], step * b[i, k] > a[i, k]
-        for k in range(m):
-            slope = a[i + 1, k] + step * b[i + 1, k]
-            rest = b[i + 1, k] * x[i] + c[i + 1, k]
-            if slope > 0.0 and -rest < u * slope:
-                u, decreasing = -rest / slope, step * b[i + 1, k] > slope
+        for end in range(2):
+            p, along = i + end, end * step
+            for k in range(a.shape[1]):
+                slope = a[p, k] + along * b[p, k]
+                rest = b[p, k] * x[i] + c[p, k]
+                if slope > 0.0 and -rest < u * slope:
+                    u, decreasing = -rest / slope, step * b[p, k] > slope
         x[i + 1] = min(max(x[i] + step * u, low[i + 1]), high[i + 1])
         bound[i + 1] = x[i + 1]
         if decreasing or bound[i] > x[i]:
-            n = _gather(a, b, c, i, 0.0, A, B, C, 0)
-            n = _gather(a, b, c, i + 1, step, A, B, C, n)
-            bound[i + 1] = _largest_next(A, B, C, n, step, low[i], bound[i], high[i + 1])
-    return x, bound, -1
+            n = _gather(a, b, c, i, step, A, B, C)
+            bound[i + 1] = _largest_next(A, B, C, n, step, low[i], bound[i], high[i + 1], order)
 
 
-@compiled(error_model="numpy")
-def _largest_next(A, B, C, n, step, low, high, most):
+@merged
+def _largest_next(A, B, C, n, step, low, high, most, order):
     """Return the largest x + step u <= most with low <= x <= high and A u + B x + C <= 0, in (u, x + step u)."""
-    for k in range(n):
+    for k in range(2, n):
         A[k] -= step * B[k]
-    A[n], B[n], C[n] = -step, 1.0, -high
-    A[n + 1], B[n + 1], C[n + 1] = step, -1.0, low
-    largest = _extreme_x(A, B, C, n + 2, most, 1, np.arange(n + 2, dtype=np.uint32))
+    A[0], B[0], C[0] = -step, 1.0, -high
+    A[1], B[1], C[1] = step, -1.0, low
+    for k in range(len(order)):
+        order[k] = k if k >= n else (k + 2 if k + 2 < n else k + 2 - n)
+    largest = _extreme_x(A, B, C, n, most, 1.0, order)
     return most if np.isnan(largest) else largest

@@ -89,7 +89,7 @@ def for_time(config: Config) -> Config:
 
 
 def _shortest(problem: TimeScalingProblem) -> Plan:
-    return solve(replace(problem, config=for_time(problem.config)), "reachability")
+    return solve(replace(problem, config=for_time(problem.config)), "reachability", jerk=False)
 
 
 def _grid(plan: Plan) -> Grid:

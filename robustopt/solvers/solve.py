@@ -10,6 +10,7 @@ the linearisation has settled.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -21,7 +22,9 @@ from robustopt.limits import TimeScalingProblem
 from robustopt.limits.names import LimitKind
 from robustopt.limits.systems import SLIPS
 from robustopt.limits.track import MOST_SPEED
-from robustopt.solvers.plan import ACTIVE_TOLERANCE, Plan, Status, binding_rows, failed_plan, interval_ends, outcome
+from robustopt.solvers.binding import ACTIVE_TOLERANCE, binding_rows
+from robustopt.solvers.jerk import solve_jerk
+from robustopt.solvers.plan import Plan, Status, failed_plan, interval_ends, outcome
 from robustopt.solvers.reachability import solve_reachability
 
 if TYPE_CHECKING:  # HiGHS is loaded only when a program is needed
@@ -47,16 +50,20 @@ NEAR_TORQUE = 1e-3
 """Fraction of a torque limit: the viscous torque of a plan that comes closer to its limit is linearised, because joint
 friction may allow more."""
 
+Outer = Callable[[TimeScalingProblem, str, Array | None], Plan]
+"""Outer solver: the plan on the rows of a problem by a method, from a first timing x (P,) or None."""
+
 SAME_DURATION = 1e-6
 """Relinearising ends if it changes the duration by less than this fraction."""
 
 
-def solve(problem: TimeScalingProblem, method: str | None = None) -> Plan:
+def solve(problem: TimeScalingProblem, method: str | None = None, jerk: bool = True) -> Plan:
     """Return the optimal plan of a problem that holds for every value in the intervals.
 
     Args:
         problem: the problem.
         method: `ipopt` or `reachability`; by default the configured one.
+        jerk: False to ignore jerk limits, on which feasibility does not depend.
 
     Returns:
         The plan. If there is none, its status and message say why, and its arrays are empty.
@@ -73,7 +80,10 @@ def solve(problem: TimeScalingProblem, method: str | None = None) -> Plan:
         contacts = problem.limits.contacts
         problem = problem.with_contacts([c if c.system.fine else c.with_facets(c.facets[:0]) for c in contacts])
     figures = {"rounds": 0.0, "inner_programs": 0.0, "inner_seconds": 0.0, "relinearisations": 0.0}
-    plan = _repeated(_outer(problem, method, None), method, figures)
+    plan = _repeated(problem, method, figures, _outer)
+    if plan.status is Status.SOLVED and jerk and np.isfinite(problem.robot.limits.jerk).any():
+        _require_bounded(plan)
+        plan = _repeated(plan.problem, method, figures, _outer_with_jerk)
     if plan.status is Status.INFEASIBLE and (at_rest := standstill(plan.problem)) >= 0:
         plan = replace(plan, stuck=at_rest)
     if plan.status is Status.SOLVED:
@@ -109,8 +119,9 @@ def _require_bounded(plan: Plan) -> None:
     )
 
 
-def _repeated(plan: Plan, method: str, figures: dict[str, float]) -> Plan:
+def _repeated(problem: TimeScalingProblem, method: str, figures: dict[str, float], outer: Outer) -> Plan:
     """Return the plan after rounds of missing rows and relinearisations, until neither is needed."""
+    plan = outer(problem, method, None)
     programs: dict[int, ForceProgram] = {}
     shared: list[SharingSearch] = []
     before = np.inf
@@ -128,17 +139,17 @@ def _repeated(plan: Plan, method: str, figures: dict[str, float]) -> Plan:
             figures["relinearisations"] += tighter is not None
         if tighter is None:
             return plan
-        before, plan = plan.duration, _retreated(_outer(tighter, method, plan.x), method)
+        before, plan = plan.duration, _retreated(outer(tighter, method, plan.x), method, outer)
     status = Status.ITERATION_LIMIT
     return failed_plan(plan.problem, status, method, status.sentence, -1, plan.statistics)
 
 
-def _retreated(plan: Plan, method: str) -> Plan:
+def _retreated(plan: Plan, method: str, outer: Outer) -> Plan:
     """Return the plan; if it is infeasible, return one of the same problem linearised about slower timings."""
     for _ in range(MOST_RETREATS):
         if plan.status is not Status.INFEASIBLE or np.isnan(plan.problem.reference).all():
             break
-        plan = _outer(plan.problem.with_reference(RETREAT * plan.problem.reference), method, None)
+        plan = outer(plan.problem.with_reference(RETREAT * plan.problem.reference), method, None)
     return plan
 
 
@@ -161,6 +172,14 @@ def _outer(problem: TimeScalingProblem, method: str, guess: Array | None) -> Pla
     return solve_ipopt(problem, guess)
 
 
+def _outer_with_jerk(problem: TimeScalingProblem, method: str, guess: Array | None) -> Plan:
+    if method == "reachability":
+        return solve_jerk(problem)
+    from robustopt.solvers.ipopt_jerk import solve_ipopt_jerk
+
+    return solve_ipopt_jerk(problem)
+
+
 def _with_missing_rows(
     plan: Plan, method: str, programs: dict[int, ForceProgram], figures: dict[str, float]
 ) -> TimeScalingProblem | None:
@@ -180,7 +199,7 @@ def _with_missing_rows(
     from robustopt.solvers.force_program import ForceProgram, missing_rows, overlooked_rows
 
     began = time.perf_counter()
-    u, x, points = interval_ends(plan.problem, plan.x, plan.u)
+    u, x, points = interval_ends(plan)
     found = 0
     for second_look in (False, True):
         for k in incomplete:
@@ -206,7 +225,7 @@ def _with_cuts(plan: Plan) -> TimeScalingProblem | None:
     """Return the problem with cuts where its plan violates rows of fine cones that are not imposed, None if none is."""
     problem = plan.problem
     limits = list(problem.limits.contacts)
-    u, x, points = interval_ends(problem, plan.x, plan.u)
+    u, x, points = interval_ends(plan)
     found = False
     for k, limit in enumerate(limits):
         if limit.system.fine and (problem.kept is None or limit.names[SLIPS] in problem.kept):
@@ -223,7 +242,7 @@ def _with_shared_rows(plan: Plan, search: list[SharingSearch], figures: dict[str
     from robustopt.solvers.sharing import SharingSearch
 
     began = time.perf_counter()
-    u, x, points = interval_ends(problem, plan.x, plan.u)
+    u, x, points = interval_ends(plan)
     if not search:
         search.append(SharingSearch(problem.counts(2 * problem.robot.n + np.arange(problem.robot.n))))
     rows, solved = search[0].missing_rows(torque.sharing, points, u, x)
@@ -248,8 +267,8 @@ def _relinearised(plan: Plan, before: float) -> TimeScalingProblem | None:
         return None
     if np.isnan(problem.reference).all():
         torque = [name.kind == LimitKind.TORQUE for name in problem.row_names]
-        clear, most = not binding_rows(problem, plan.x, plan.u)[:, torque].any(), -NEAR_TORQUE
+        clear, most = not binding_rows(plan)[:, torque].any(), -NEAR_TORQUE
     else:
         clear, most = abs(before - plan.duration) <= SAME_DURATION * plan.duration, TORQUE_TOLERANCE
-    clear = clear and problem.torque_excess(*interval_ends(problem, plan.x, plan.u)) <= most
+    clear = clear and problem.torque_excess(*interval_ends(plan)) <= most
     return None if clear else problem.with_reference(plan.x)

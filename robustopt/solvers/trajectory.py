@@ -1,25 +1,21 @@
-"""Timed trajectory of a plan: sampling in closed form, exports, and the share of time in which each limit binds.
+"""Timed trajectory of a plan: sampling in closed form, and the share of time in which each limit binds.
 
-On each interval of the grid u = sdd is constant, so with tau = t - t_i
+On each interval of the grid sdd changes at a constant rate sddd_i, 0 without jerk limits, so with tau = t - t_i
 
-    s(t) = s_i + sd_i tau + u_i tau^2 / 2,    sd(t) = sd_i + u_i tau,    t_{i+1} - t_i = 2 ds_i / (sd_i + sd_{i+1}),
+    s(t) = s_i + sd_i tau + u_i tau^2 / 2 + sddd_i tau^3 / 6,    sd(t) = sd_i + u_i tau + sddd_i tau^2 / 2,
 
 and q = q(s), qd = q' sd, qdd = q' sdd + q'' sd^2, without numerical integration.
 """
 
 from __future__ import annotations
 
-import csv
-import json
 from dataclasses import dataclass
-from pathlib import Path as FilePath
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robustopt.errors import ConfigError, Infeasible, SolverFailed
-from robustopt.files import write_text, written
 
 if TYPE_CHECKING:
     from robustopt.path import Path
@@ -69,7 +65,8 @@ class Trajectory:
     Attributes:
         times: time at each grid point, shape (P,), [s]; a stop (a doubled grid point) has the same time twice.
         s, sd: position and speed along the path at each grid point, shape (P,), [1], [1/s].
-        sdd: constant acceleration of each interval, shape (P-1,), [1/s^2]; 0 on an interval of zero length.
+        sdd: acceleration at the start of each interval, shape (P-1,), [1/s^2]; 0 on an interval of zero length.
+        sddd: constant rate of sdd on each interval, shape (P-1,), [1/s^3]; 0 without jerk limits.
         piece: piece of the path that each grid point belongs to, shape (P,).
         path: the geometric path q(s).
     """
@@ -78,6 +75,7 @@ class Trajectory:
     s: Array
     sd: Array
     sdd: Array
+    sddd: Array
     piece: NDArray[np.intp]
     path: Path
 
@@ -99,21 +97,25 @@ class Trajectory:
             raise Infeasible(f"There is no trajectory: {plan.message}")
         s = np.asarray(plan.s, dtype=float)
         sd = speed * np.sqrt(np.maximum(plan.x, 0.0))
-        steps = interval_durations(s, sd)
-        sdd = np.divide(np.diff(sd), steps, out=np.zeros_like(steps), where=steps > 0)
+        if plan.steady:
+            steps = interval_durations(s, sd)
+            sdd, sddd = np.divide(np.diff(sd), steps, out=np.zeros_like(steps), where=steps > 0), np.zeros_like(steps)
+        else:
+            steps, sdd = plan.steps / speed, plan.u * speed**2
+            sddd = np.divide(plan.change * speed**2, steps, out=np.zeros_like(steps), where=steps > 0)
         times = np.concatenate([[0.0], np.cumsum(steps)])
-        arrays = (times, s.copy(), sd, sdd, np.array(plan.piece, dtype=np.intp))
+        arrays = (times, s.copy(), sd, sdd, sddd, np.array(plan.piece, dtype=np.intp))
         for array in arrays:
             array.flags.writeable = False
         return cls(*arrays, plan.problem.path)
 
     @property
     def duration(self) -> float:
-        """Return the time from start to end, sum of 2 ds / (sd_i + sd_{i+1}) [s]."""
+        """Return the time from start to end [s]."""
         return float(self.times[-1])
 
     def sample(self, t: Array | float) -> Samples:
-        """Return the states at times t, exact for the plan's piecewise constant sdd.
+        """Return the states at times t, exact for sdd that is constant or changes at a constant rate on each interval.
 
         At a jump of sdd the later value holds; at the end, the last one. Before the start and after the end the robot
         holds the first and the last position with sd = sdd = 0.
@@ -125,12 +127,14 @@ class Trajectory:
         last = int(np.flatnonzero(np.diff(self.times))[-1])
         i = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, last)
         tau = np.clip(t, 0.0, self.duration) - self.times[i]
-        part = tau / (self.times[i + 1] - self.times[i])
-        sd = (1.0 - part) * self.sd[i] + part * self.sd[i + 1]
-        s = np.clip(self.s[i] + 0.5 * (self.sd[i] + sd) * tau, self.s[i], self.s[i + 1])
+        step = self.times[i + 1] - self.times[i]
+        part, sddd = tau / step, self.sddd[i]
+        sd = (1.0 - part) * self.sd[i] + part * self.sd[i + 1] - 0.5 * sddd * tau * (step - tau)
+        s = self.s[i] + 0.5 * (self.sd[i] + sd) * tau - sddd * tau**3 / 12.0
+        s = np.clip(s, self.s[i], self.s[i + 1])
         inside = (t >= 0.0) & (t <= self.duration)
         sd = np.where(inside, sd, 0.0)
-        sdd = np.where(inside, self.sdd[i], 0.0)
+        sdd = np.where(inside, self.sdd[i] + sddd * tau, 0.0)
         return joint_motion(self.path, self.piece[i], t, s, sd, sdd)
 
     def at_gridpoints(self) -> Samples:
@@ -140,7 +144,7 @@ class Trajectory:
         the same time and position, the first one the braking and the second one the starting acceleration.
         """
         following = np.append(self.sdd, 0.0)
-        before = np.insert(self.sdd, 0, 0.0)
+        before = np.insert(self.sdd + self.sddd * np.diff(self.times), 0, 0.0)
         moves = np.append(np.diff(self.times) > 0, False)
         sdd = np.where(moves, following, before)
         return joint_motion(self.path, self.piece, self.times, self.s, self.sd, sdd)
@@ -207,14 +211,27 @@ def sample_times(duration: float, period: float) -> Array:
     Raises:
         ConfigError: the period is not positive and finite, or so short that there are more than `MOST_SAMPLES`.
     """
+    require_period(duration, period)
+    full_steps = max(int(np.ceil(duration / period - MERGE)), 1)
+    return np.append(np.arange(full_steps) * period, duration)
+
+
+def require_period(duration: float, period: float) -> None:
+    """Check the period of samples.
+
+    Args:
+        duration: duration of the trajectory [s].
+        period: time between samples [s].
+
+    Raises:
+        ConfigError: the period is not positive and finite, or so short that there are more than `MOST_SAMPLES`.
+    """
     _require_positive("period", period)
     if duration > MOST_SAMPLES * period:
         raise ConfigError(
             f"found {period!r} s, which gives more than {MOST_SAMPLES:,} samples; expected a longer period",
             key="period",
         )
-    full_steps = max(int(np.ceil(duration / period - MERGE)), 1)
-    return np.append(np.arange(full_steps) * period, duration)
 
 
 def binding_shares(plan: Plan) -> dict[str, float]:
@@ -236,116 +253,6 @@ def binding_shares(plan: Plan) -> dict[str, float]:
                 times[name] = times.get(name, 0.0) + step / max(len(names), 1)
     total = sum(times.values())
     return {name: time / total for name, time in sorted(times.items(), key=lambda item: (-item[1], item[0]))}
-
-
-def export(plan: Plan, folder: FilePath | str, period: float | None = None) -> list[FilePath]:
-    """Write a plan into a folder, see `Plan.export`.
-
-    Args:
-        plan: the plan.
-        folder: the folder, which is made if it does not exist.
-        period: period of the trajectory [s]; default: `output.period`.
-
-    Raises:
-        Infeasible: the plan has no timing.
-        ConfigError: the period is not positive and finite, or too short for the duration.
-    """
-    folder, period = FilePath(folder), plan.problem.config.output.period if period is None else period
-    message = json.dumps(joint_trajectory(plan, period))  # may fail, and then leaves no folder behind
-    folder.mkdir(parents=True, exist_ok=True)
-    files = [folder / name for name in ("plan.csv", "trajectory.csv", "joint_trajectory.json")]
-    write_plan_csv(plan, files[0])
-    write_trajectory_csv(plan, period, files[1])
-    write_text(files[2], message + "\n")
-    return files
-
-
-def write_plan_csv(plan: Plan, path: FilePath) -> None:
-    """Write a plan at its grid points as CSV: t, s, sd, sdd, q_<joint>, qd_<joint>, qdd_<joint>.
-
-    There is one row per grid point, see `Trajectory.at_gridpoints`; a stop has two. Every number reads back exactly.
-
-    Args:
-        plan: a plan with a timing.
-        path: name of the file.
-
-    Raises:
-        Infeasible: the plan is empty.
-    """
-    _write_csv(Trajectory.from_plan(plan).at_gridpoints(), plan.problem.robot.joint_names, path)
-
-
-def write_trajectory_csv(plan: Plan, period: float, path: FilePath, speed: float = 1.0) -> None:
-    """Write a plan sampled at a constant period as CSV, with the columns of `write_plan_csv`.
-
-    The first sample is at t = 0 and the last exactly at the end, see `sample_times`.
-
-    Args:
-        plan: a plan with a timing.
-        period: time between samples [s].
-        path: name of the file.
-        speed: factor on the speed of the plan.
-
-    Raises:
-        Infeasible: the plan is empty.
-        ConfigError: the period is not positive, or too short.
-    """
-    _write_csv(Trajectory.from_plan(plan, speed).every(period), plan.problem.robot.joint_names, path)
-
-
-def joint_trajectory(plan: Plan, period: float) -> dict[str, Any]:
-    """Return a sampled plan in the shape of a ROS `trajectory_msgs/JointTrajectory` message.
-
-    Times are as in `write_trajectory_csv`, rounded to whole nanoseconds. All values are plain Python numbers, ready for
-    `json.dump`.
-
-    Args:
-        plan: a plan with a timing.
-        period: time between samples [s].
-
-    Raises:
-        Infeasible: the plan is empty.
-        ConfigError: the period is not positive, or too short.
-    """
-    samples = Trajectory.from_plan(plan).every(period)
-    points = zip(samples.t.tolist(), samples.q.tolist(), samples.qd.tolist(), samples.qdd.tolist(), strict=True)
-    return {
-        "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""},
-        "joint_names": list(plan.problem.robot.joint_names),
-        "points": [
-            {"positions": q, "velocities": qd, "accelerations": qdd, "time_from_start": _ros_duration(t)}
-            for t, q, qd, qdd in points
-        ],
-    }
-
-
-def _ros_duration(t: float) -> dict[str, int]:
-    sec, nanosec = divmod(round(t * 1e9), 1_000_000_000)
-    return {"sec": sec, "nanosec": nanosec}
-
-
-def columns(samples: Samples, joint_names: tuple[str, ...]) -> tuple[list[str], Array]:
-    """Return a table of samples with columns t, s, sd, sdd, q_<joint>, qd_<joint>, qdd_<joint>.
-
-    Args:
-        samples: the samples.
-        joint_names: names of the joints.
-
-    Returns:
-        Column headings, and rows (T, columns).
-    """
-    scalars = np.stack([samples.t, samples.s, samples.sd, samples.sdd], axis=1)
-    rows = np.hstack([scalars, samples.q, samples.qd, samples.qdd])
-    heads = ["t", "s", "sd", "sdd", *(f"{quantity}_{name}" for quantity in ("q", "qd", "qdd") for name in joint_names)]
-    return heads, rows + 0.0  # -0.0 + 0.0 is 0.0
-
-
-def _write_csv(samples: Samples, joint_names: tuple[str, ...], path: FilePath) -> None:
-    heads, rows = columns(samples, joint_names)
-    with written(path) as beside, beside.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(heads)
-        writer.writerows(rows.tolist())
 
 
 def _require_positive(name: str, value: float) -> None:

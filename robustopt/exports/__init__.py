@@ -1,0 +1,1 @@
+"""Trajectories in the formats of controllers and planners: tables, messages, programs and arrays."""

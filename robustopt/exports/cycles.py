@@ -1,0 +1,98 @@
+"""Motions that end on a whole control cycle: a plan is slowed down uniformly, never cut.
+
+With k = n h / T, the smallest factor of at least 1 for which the duration T of the plan becomes a multiple of the
+period h, the motion is q(t / k): velocities are divided by k and accelerations by k^2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from robustopt.arrays import Array
+from robustopt.solvers import Plan
+from robustopt.solvers.trajectory import Samples, Trajectory, require_period
+
+ROUNDING = 1e-9
+"""Part of a period by which a plan may be longer than a number of periods and count as equal: a rounding error."""
+
+AT_REST = 1e-9
+"""Largest row c of a problem, a fraction of its limit, at which standing still is allowed: a rounding error."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A plan sampled at every control cycle.
+
+    Attributes:
+        name: name of the task.
+        joint_names: names of the joints (n,).
+        period: time between samples [s].
+        planned: duration of the plan [s].
+        factor: factor k >= 1 by which the motion takes longer than the plan.
+        samples: states at 0, period, 2 period, ... up to the end.
+        rests: whether the robot can stand still everywhere on the path, so that all slower motions are feasible too.
+    """
+
+    name: str
+    joint_names: tuple[str, ...]
+    period: float
+    planned: float
+    factor: float
+    samples: Samples
+    rests: bool
+
+    @property
+    def duration(self) -> float:
+        """Return the duration of the motion, a multiple of the period [s]."""
+        return float(self.samples.t[-1])
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Return the difference from the plan in words; () without one."""
+        if self.factor == 1.0:
+            return ()
+        slower = f"slowed down uniformly by {100 * (self.factor - 1):.3g} %, from {self.planned:.6g} s"
+        end = f"to {self.duration:.6g} s, so that it ends on a whole period"
+        if len(self.samples.t) == 2:
+            end = f"to {self.duration:.6g} s: it is shorter than one period, so only its start and its end are left"
+        notes = [f"the motion is {slower} {end}"]
+        if not self.rests:
+            notes.append(
+                "the robot cannot stand still everywhere on this path, so the certificate of the plan does not cover "
+                f"the slower motion; a period of which {self.planned:.6g} s is a multiple needs none"
+            )
+        return tuple(notes)
+
+
+def whole_cycles(plan: Plan, period: float) -> Motion:
+    """Return a plan at every control cycle, slowed down so that it ends on one.
+
+    Args:
+        plan: a plan with a timing.
+        period: time between samples [s].
+
+    Raises:
+        Infeasible: the plan has no timing.
+        ConfigError: the period is not positive and finite, or too short for the duration.
+    """
+    planned = Trajectory.from_plan(plan).duration
+    require_period(planned, period)
+    cycles = max(int(np.ceil(planned / period - ROUNDING)), 1)
+    factor = cycles * period / planned
+    if factor <= 1.0 + ROUNDING / cycles:
+        factor = 1.0
+    trajectory = Trajectory.from_plan(plan, 1.0 / factor)
+    t: Array = period * np.arange(cycles + 1, dtype=float)
+    samples = trajectory.sample(np.append(t[:-1], trajectory.duration))  # rounding must not move the end outside
+    problem = plan.problem
+    return Motion(
+        problem.config.name,
+        problem.robot.joint_names,
+        period,
+        planned,
+        factor,
+        replace(samples, t=t),
+        rests=bool(problem.c.max(initial=0.0) <= AT_REST),
+    )

@@ -1,0 +1,124 @@
+"""Jerk-limited timing as a nonlinear program in speeds, accelerations and times of the intervals, solved by Ipopt.
+
+    minimise   sum_i dt_i
+    such that  v_{i+1} = v_i + (u_i + u_{i+1}) dt_i / 2,   ds_i = v_i dt_i + (2 u_i + u_{i+1}) dt_i^2 / 6,
+               a u + b v^2 + c <= 0 and v^2 <= x_max at every grid point,   v = u = 0 at every rest,
+               a (u_i + u_{i+1}) / 2 + b v^2 + c <= 0 at both ends of every interval,
+               |q''' v^3 + 3 q'' v u + q' (u_{i+1} - u_i) / dt_i| <= J at both ends and in the middle of every interval
+
+It has the same solutions as `jerk`, which eliminates the times and solves it by an interior-point method of its own.
+"""
+
+from __future__ import annotations
+
+import time
+
+import casadi as ca
+import numpy as np
+from scipy import sparse
+
+from robustopt.arrays import Array
+from robustopt.interruption import held
+from robustopt.limits import TimeScalingProblem
+from robustopt.solvers.ipopt import OPTIONS, Stop
+from robustopt.solvers.jerk import limited_rows, pieces, slow_timing, unless_still
+from robustopt.solvers.jerk_barrier import PLACES, PieceRows
+from robustopt.solvers.plan import Plan, Status, failed_plan, interval_times, jerk_plan
+
+METHOD = "ipopt"
+"""Name of the method that this solver belongs to."""
+
+SMALLEST = 1e-4
+"""Lower bound of speeds and times, as a fraction of the slow timing that the solver starts from; the plan is faster
+than this timing, but not everywhere."""
+
+
+def solve_ipopt_jerk(problem: TimeScalingProblem) -> Plan:
+    """Return a minimum-time plan within the jerk limits on the rows of a problem, or a failed plan with the reason.
+
+    Args:
+        problem: the problem; the robot can stand still at its rests.
+    """
+    began = time.perf_counter()
+    refused = unless_still(problem, METHOD)
+    if refused is not None:
+        return refused
+    x, u, iterations = np.zeros(len(problem.s)), np.zeros(len(problem.s)), 0
+    for first, last in pieces(problem):
+        v, sdd, ended, taken = _minimise(limited_rows(problem, first, last))
+        iterations += taken
+        if ended not in ("Solve_Succeeded", "Solved_To_Acceptable_Level"):
+            status = Status.ITERATION_LIMIT if ended == "Maximum_Iterations_Exceeded" else Status.FAILED
+            figures = {"solver_seconds": time.perf_counter() - began}
+            return failed_plan(problem, status, METHOD, f"{status.sentence} Ipopt says {ended}.", -1, figures)
+        x[first + 1 : last], u[first + 1 : last] = v**2, sdd
+    figures = {"solver_seconds": time.perf_counter() - began, "ipopt_iterations": float(iterations)}
+    return jerk_plan(problem, x, u, METHOD, figures)
+
+
+def _minimise(rows: PieceRows) -> tuple[Array, Array, str, int]:
+    """Return speeds and accelerations at the inner points of a piece (n,), Ipopt's status and its number of iterations.
+
+    The variables are fractions of the slow timing. The cost is a fraction of its duration.
+    """
+    x, u = slow_timing(rows)
+    n = len(x)
+    ds = np.concatenate([rows.ends[:1], rows.ds, rows.ends[1:]])
+    speed, sdd = np.concatenate([[0.0], np.sqrt(x), [0.0]]), np.concatenate([[0.0], u, [0.0]])
+    dt = interval_times(ds, 0.5 * (speed[:-1] + speed[1:]), np.diff(sdd))
+    typical = np.abs(u) + x / np.minimum(np.cumsum(ds)[:-1], np.cumsum(ds[::-1])[-2::-1])
+    sizes = np.concatenate([speed[1:-1], typical, dt])
+    part = ca.MX.sym("z", 3 * n + 1)
+    z = part * ca.DM(sizes)
+    inner, acceleration, step = z[:n], z[n : 2 * n], z[2 * n :]
+    v, w = ca.vertcat(0, inner, 0), ca.vertcat(0, acceleration, 0)
+    equations = [
+        (v[1:] - v[:-1] - 0.5 * (w[1:] + w[:-1]) * step) / ca.DM(np.maximum(speed[1:], speed[:-1])),
+        (v[:-1] * step + (2 * w[:-1] + w[1:]) * step**2 / 6 - ca.DM(ds)) / ca.DM(ds),
+    ]
+    mean, first, last = 0.5 * (acceleration[1:] + acceleration[:-1]), slice(None, -1), slice(1, None)
+    squares = inner**2
+    limits = [
+        _rows(rows, slice(None), acceleration, squares),
+        _rows(rows, first, mean, squares[first]),
+        _rows(rows, last, mean, squares[last]),
+    ]
+    limits.append(squares / ca.DM(rows.x_max) - 1)
+    limits += [sign * jerk - 1 for jerk in _jerks(rows, inner, acceleration, step[1:-1]) for sign in (1, -1)]
+    equal, below = ca.vertcat(*equations), ca.vertcat(*limits)
+    count = equal.numel() + below.numel()
+    program = {"x": part, "f": ca.sum1(step) / dt.sum(), "g": ca.vertcat(equal, below)}
+    low = np.concatenate([np.full(n, SMALLEST), np.full(n, -np.inf), np.full(n + 1, SMALLEST)])
+    start = np.concatenate([np.ones(n), u / typical, np.ones(n + 1)])
+    options = {name: value for name, value in OPTIONS.items() if name != "ipopt.jac_d_constant"}
+    with held() as interruptions:
+        stop = Stop(len(sizes), count, interruptions)
+        solver = ca.nlpsol("outer", "ipopt", program, {**options, "expand": True, "iteration_callback": stop})
+        lowest = np.concatenate([np.zeros(equal.numel()), np.full(below.numel(), -np.inf)])
+        answer = solver(x0=start, lbx=low, lbg=lowest, ubg=0.0)
+    if interruptions:  # the user's handler let the work go on
+        return _minimise(rows)
+    found = sizes * np.array(answer["x"]).ravel()
+    stats = solver.stats()
+    return found[:n], found[n : 2 * n], str(stats["return_status"]), int(stats["iter_count"])
+
+
+def _rows(rows: PieceRows, points: slice, u: ca.MX, x: ca.MX) -> ca.MX:
+    """Return a u + b x + c of the rows of some points that depend on u or x, for values (u, x) at these points."""
+    a, b, c = rows.a[points], rows.b[points], rows.c[points]
+    at, k = np.nonzero((a != 0.0) | (b != 0.0))
+    shape = len(at), len(a)
+    of_u, of_x = (sparse.csc_matrix((values[at, k], (np.arange(len(at)), at)), shape) for values in (a, b))
+    return ca.DM(of_u) @ u + ca.DM(of_x) @ x + ca.DM(c[at, k])
+
+
+def _jerks(rows: PieceRows, v: ca.MX, u: ca.MX, step: ca.MX) -> list[ca.MX]:
+    """Return the jerk of each joint at the places of the intervals between points, relative to its limit (n - 1,)."""
+    rate, found = (u[1:] - u[:-1]) / step, []
+    for e, after in enumerate(PLACES):
+        v_here = ca.sqrt((1 - after) * v[:-1] ** 2 + after * v[1:] ** 2)
+        u_here = (1 - after) * u[:-1] + after * u[1:]
+        for k in range(rows.q1.shape[2]):
+            q1, q2, q3 = (ca.DM(q[:, e, k]) for q in (rows.q1, rows.q2, rows.q3))
+            found.append(q3 * v_here**3 + 3 * q2 * v_here * u_here + q1 * rate)
+    return found
