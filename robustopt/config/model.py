@@ -111,7 +111,7 @@ class RobotConfig(Section):
     limits_file: str | None = Field(
         default=None,
         description="file in the format of MoveIt's joint_limits.yaml, relative to the configuration, with limits of "
-        "velocity and acceleration, which replace those of the model; `limits` replaces them in turn",
+        "velocity, acceleration and jerk, which replace those of the model; `limits` replaces them in turn",
     )
     locked: dict[str, Real] = Field(
         default={}, description="fixed positions of locked joints, by joint name [rad or m]"
