@@ -263,7 +263,7 @@ def attempt(data: dict, compiled: bool) -> str:
             n = load_robot(config).n
             config = with_values(config, {"path.joints": [[0.0] * n, [0.1] * n]})
         if compiled:
-            from robustopt.limits import build_problem
+            from robustopt.solvers import build_problem
 
             build_problem(config)
         elif config.path.steps is None:

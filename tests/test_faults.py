@@ -219,7 +219,8 @@ def test_values_are_bounded_before_the_work_begins(file, override, why):
 def test_a_trial_has_a_bounded_number_of_steps_and_of_forces(key):
     config = load_config(WAITER, [f"execution.{key}=1e-9"])
     times = np.array([0.0, 3.0])
-    trajectory = Trajectory(times, times / 3, np.ones(2), np.zeros(1), np.zeros(2, dtype=np.intp), None)  # type: ignore
+    still, piece = np.zeros(1), np.zeros(2, dtype=np.intp)
+    trajectory = Trajectory(times, times / 3, np.ones(2), still, still, piece, None)  # type: ignore
     with pytest.raises(ConfigError, match=rf"execution.{key}: found 1e-09 s, so a trial of 3.8 s has 3,800,"):
         _require_usable(trajectory, config.execution)
 

@@ -50,7 +50,7 @@ class Arm:
         self.hinges = np.ones(n, dtype=bool)
         self.limits = SimpleNamespace(
             lower=np.full(n, -2.0), upper=np.full(n, 3.0), velocity=np.full(n, 3.0), acceleration=np.full(n, 8.0),
-            torque=np.full(n, 20.0),
+            jerk=np.full(n, np.inf), torque=np.full(n, 20.0),
         )  # fmt: skip
 
 
