@@ -11,6 +11,9 @@ from robustopt.solvers.plan import Plan
 ACTIVE_TOLERANCE = 1e-4
 """Fraction of its limit within which a row binds; solver tolerances are a hundredth of it."""
 
+ACTIVE_WITH_JERK = 1e-3
+"""The same for plans with jerk limits, whose solver ends at a gap of 1e-5 of the duration and leaves some slack."""
+
 JERK_INSIDE = 1e-6
 """Part of an interval by which q''' is evaluated inside of its ends: it may jump at a grid point."""
 
@@ -22,6 +25,15 @@ def binding_rows(plan: Plan) -> Flags:
         plan: a plan with a timing.
     """
     return np.asarray(_binding_ends(plan).any(axis=0))
+
+
+def active_tolerance(plan: Plan) -> float:
+    """Return the fraction of its limit within which a row of a plan binds.
+
+    Args:
+        plan: a plan with a timing.
+    """
+    return ACTIVE_TOLERANCE if plan.steady else ACTIVE_WITH_JERK
 
 
 def active(plan: Plan) -> tuple[tuple[str, ...], ...]:
@@ -37,7 +49,7 @@ def active(plan: Plan) -> tuple[tuple[str, ...], ...]:
     for i, k in np.argwhere(ends.any(axis=0)):
         name = problem.row_names[k]
         names[i][tipping.get((i, name), name)] = None
-    fast = (x >= problem.x_max * (1 - ACTIVE_TOLERANCE)) & (problem.x_max > 0)
+    fast = (x >= problem.x_max * (1 - active_tolerance(plan))) & (problem.x_max > 0)
     for i in np.flatnonzero(problem.ds > 0):
         for k in (i, i + 1):
             if fast[k]:
@@ -45,7 +57,7 @@ def active(plan: Plan) -> tuple[tuple[str, ...], ...]:
     limits = problem.robot.limits.jerk
     if np.isfinite(limits).any():
         used = np.abs(joint_jerk(plan)) / limits
-        for i, j in np.argwhere((used >= 1.0 - ACTIVE_TOLERANCE).any(axis=0)):
+        for i, j in np.argwhere((used >= 1.0 - active_tolerance(plan)).any(axis=0)):
             names[i][LimitName(LimitKind.JERK, problem.robot.joint_names[j])] = None
     return tuple(tuple(row) for row in names)
 
@@ -76,10 +88,16 @@ def joint_jerk(plan: Plan) -> Array:
 def _binding_ends(plan: Plan) -> Flags:
     """Return whether each row binds at the start and at the end of each interval, (2, P - 1, m)."""
     problem, x = plan.problem, plan.x
-    a, b, c = problem.a, problem.b, problem.c
-    at_start = a[:-1] * plan.u[:, None] + b[:-1] * x[:-1, None] + c[:-1] > -ACTIVE_TOLERANCE
-    at_end = a[1:] * plan.u_end[:, None] + b[1:] * x[1:, None] + c[1:] > -ACTIVE_TOLERANCE
-    return np.asarray(np.stack([at_start, at_end]) & (problem.ds > 0)[:, None])
+    mean = plan.u + 0.5 * plan.change
+    found = []
+    for end, u in ((0, plan.u), (1, plan.u_end)):
+        at = slice(end, len(x) - 1 + end)
+        a, b, c = problem.a[at], problem.b[at], problem.c[at]
+        used = a * u[:, None] + b * x[at, None] + c
+        if not plan.steady:  # the rows of the mean
+            used = np.maximum(used, a * mean[:, None] + b * x[at, None] + c)
+        found.append(used > -active_tolerance(plan))
+    return np.asarray(np.stack(found) & (problem.ds > 0)[:, None])
 
 
 def _tipping(plan: Plan, ends: Flags) -> dict[tuple[int, str], LimitName]:
