@@ -197,17 +197,23 @@ def _measures(rows: PieceRows, x: Array, u: Array) -> tuple[Array, Array]:
     return mean * dt, np.stack([speed[:-1] * dt, middle * dt, speed[1:] * dt], axis=1)
 
 
-def _consistent(rows: PieceRows, x: Array, u: Array, most: float) -> tuple[Array, Array, Array, Array]:
-    """Return x, u that satisfy the equations of the intervals with their own h, and h and r.
-
-    The timing is slowed down until the barrier of a weight of 0 is at most `most`.
-    """
+def _corrected(rows: PieceRows, x: Array, u: Array) -> tuple[Array, Array, Array, Array]:
+    """Return x, u that satisfy the equations of the intervals with their own h, and h and r."""
     for _ in range(MOST_CORRECTIONS):
         h, reach = _measures(rows, x, u)
         if np.abs(_residual(rows, h, x, u)).max() <= CONSISTENT:
             break
         dx, du = _step(rows, h, x, u, None)
         x, u = x + dx, u + du
+    return x, u, h, reach
+
+
+def _consistent(rows: PieceRows, x: Array, u: Array, most: float) -> tuple[Array, Array, Array, Array]:
+    """Return x, u that satisfy the equations of the intervals with their own h, and h and r.
+
+    The timing is slowed down until the barrier of a weight of 0 is at most `most`.
+    """
+    x, u, h, reach = _corrected(rows, x, u)
     slower = SLOWER
     while not barrier(rows, h, reach, x, u, 0.0) <= most:
         x, u = x * (1.0 - slower), u * (1.0 - slower)
@@ -230,12 +236,7 @@ def slow_timing(rows: PieceRows) -> tuple[Array, Array]:
     rate = length * 30.0 * near**2 * (1.0 - near) ** 2
     x = rate**2
     u = np.where(ahead < 0.5, 1.0, -1.0) * length * (60.0 * near - 180.0 * near**2 + 120.0 * near**3)
-    for _ in range(MOST_CORRECTIONS):
-        h, reach = _measures(rows, x, u)
-        if np.abs(_residual(rows, h, x, u)).max() <= CONSISTENT:
-            break
-        dx, du = _step(rows, h, x, u, None)
-        x, u = x + dx, u + du
+    x, u, h, reach = _corrected(rows, x, u)
     used = ((rows.a * u[:, None] + rows.b * x[:, None]) / -rows.c).max(initial=0.0)
     part = USED / max(used, float((x / rows.x_max).max()))
     x, u = part * x, part * u
