@@ -180,3 +180,12 @@ def test_a_path_on_which_the_robot_cannot_stand_still_is_refused_in_words() -> N
     assert plan.status is Status.FAILED
     assert "must be able to stand still everywhere" in plan.message
     assert plan.stuck == 20
+
+
+@pytest.mark.parametrize("acceleration", [ACCELERATION, np.inf])
+def test_a_limit_of_a_joint_that_does_not_move_changes_nothing(acceleration: float) -> None:
+    limits = {"all": {"velocity": 100.0, "acceleration": acceleration, "torque": 20.0}, "y": {"jerk": 10.0}}
+    still = plan_of(scene("two_slides", robot_keys={"limits": limits}))
+    without = plan_of(scene("two_slides", robot_keys={"limits": {"all": limits["all"]}}))
+    assert still.status is Status.SOLVED
+    assert still.duration == pytest.approx(without.duration, rel=1e-3)

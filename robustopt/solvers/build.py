@@ -103,5 +103,6 @@ def _for_jerk(grid: Grid, robot: Robot, path: Path) -> Grid:
         rate = np.abs(path.evaluate(path.breaks[pieces + end], pieces, 1))
         with np.errstate(divide="ignore"):
             fastest, reached = (jerk / rate).min(axis=1), (acceleration / rate).min(axis=1)
-        first[:, end] = np.where(np.isfinite(reached), FIRST_PART * reached**3 / (6.0 * fastest**2), 0.0)
+        known = np.isfinite(reached) & np.isfinite(fastest)
+        first[known, end] = FIRST_PART * reached[known] ** 3 / (6.0 * fastest[known] ** 2)
     return with_fine_rests(grid, first)

@@ -1,8 +1,8 @@
 """Jerk-limited timing: the minimum-time program in which sdd is continuous and changes at a constant rate per interval.
 
 sdd is 0 at every rest. The rows a u + b x + c <= 0 hold at every grid point with its own u, and at both ends of every
-interval with the mean of its u, as without jerk limits. Each piece of the path,
-from one rest to the next, is a program of its own in (x, u) = (sd^2, sdd) at its inner grid points:
+interval with the mean of its u, as without jerk limits. Each piece of the path, from one rest to the next, is a
+program of its own in (x, u) = (sd^2, sdd) at its inner grid points:
 
     x' - x = (u + u') h,   h = ds + (u' - u) dt^2 / 12,   dt = 2 h / (sd + sd')
 
@@ -144,7 +144,8 @@ def limited_rows(problem: TimeScalingProblem, first: int, last: int) -> PieceRow
     for end in (0, -1):
         largest1, largest2, largest3 = (np.abs(values[end]).max(axis=0) for values in (q1, q2, q3))
         gain = largest3 + 2.0 * largest2 / ds[end] + 2.0 * largest1 / (9.0 * ds[end] ** 2)
-        x_max[end] = min(x_max[end], gain.max() ** (-2.0 / 3.0))
+        with np.errstate(divide="ignore"):  # joints that do not move have no jerk
+            x_max[end] = min(x_max[end], gain.max() ** (-2.0 / 3.0))
     a, b, c = (np.ascontiguousarray(rows[first + 1 : last]) for rows in (problem.a, problem.b, problem.c))
     ends, between = np.array([ds[0], ds[-1]]), ds[1:-1].copy()
     return PieceRows(a, b, c, x_max, ends, between, *(np.ascontiguousarray(q[1:-1]) for q in (q1, q2, q3)))
