@@ -57,6 +57,8 @@ if TYPE_CHECKING:
     from robustopt.solvers.diagnosis import Diagnosis as Diagnosis
     from robustopt.solvers.diagnosis import Remedy as Remedy
     from robustopt.solvers.diagnosis import diagnose as diagnose
+    from robustopt.solvers.replan import Replanned as Replanned
+    from robustopt.solvers.replan import replan as replan
     from robustopt.solvers.solve import solve as solve
     from robustopt.solvers.trajectory import Samples as Samples
     from robustopt.solvers.trajectory import Trajectory as Trajectory
@@ -87,6 +89,7 @@ _NAMES = {
     "robustopt.solvers": ("Plan", "Status", "build_problem"),
     "robustopt.solvers.batch": ("BatchPlanner", "solve_batch"),
     "robustopt.solvers.diagnosis": ("Diagnosis", "Remedy", "diagnose"),
+    "robustopt.solvers.replan": ("Replanned", "replan"),
     "robustopt.solvers.solve": ("solve",),
     "robustopt.solvers.trajectory": ("Samples", "Trajectory"),
 }  # fmt: skip

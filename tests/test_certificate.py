@@ -42,6 +42,7 @@ class OnePiece:
     """A path of one piece."""
 
     stances = switches = ()
+    pauses, end_speeds = 0.0, (0.0, 0.0)
 
     def __call__(self, s: np.ndarray, order: int = 0) -> np.ndarray:
         return self.evaluate(s, np.zeros(len(s), dtype=int), order)

@@ -60,7 +60,7 @@ class Problem:
     def __init__(self, n, intervals, error):
         half = np.linspace(0.0, 0.5, intervals // 2 + 1)
         self.s, self.piece = np.concatenate([half, 0.5 + half]), np.repeat([0, 1], half.size)
-        self.path, self.robot = WavePath(n), Arm(n)
+        self.path, self.robot, self.pauses = WavePath(n), Arm(n), np.zeros(self.s.size - 1)
         self.q1, self.q2 = (self.path.evaluate(self.s, self.piece, order=order) for order in (1, 2))
         self.a, self.b = np.hstack([self.q1, -self.q1]), np.hstack([self.q2, -self.q2])
         self.c = np.full_like(self.a, -8.0)

@@ -50,7 +50,7 @@ def make_plan(s, x, path, piece=None, active=None):
     n = path.evaluate(s, piece).shape[1]
     robot = SimpleNamespace(joint_names=tuple(f"joint{k + 1}" for k in range(n)), n=n)
     active = tuple(() for _ in u) if active is None else active
-    problem = SimpleNamespace(path=path, robot=robot)
+    problem = SimpleNamespace(path=path, robot=robot, pauses=np.zeros(s.size - 1))
     return SimpleNamespace(s=s, x=x, u=u, piece=piece, active=active, message="", problem=problem, steady=True)
 
 

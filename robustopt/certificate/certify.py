@@ -205,7 +205,7 @@ def certify(plan: Plan, level: str = "quick", seed: int = 0, config: Config | No
     at = instants(plan, how.between if few else (0.5,))
     world = build_world(task.config, task.robot, task.path, stances(task.path, at))
     tally = Tally(at.grid)
-    _check_timing(plan, at, tally)
+    _check_timing(plan, task, at, tally)
     samples = _check(plan, task, world, at, how, np.random.default_rng(seed), tally)
     worst = _worst(tally, at)
     return Certificate(
@@ -259,8 +259,8 @@ def _check(
     return 2 * half
 
 
-def _check_timing(plan: Plan, at: Instants, tally: Tally) -> None:
-    """Check that x and u are those of a motion, that x is not negative, and that it is 0 at every standstill."""
+def _check_timing(plan: Plan, task: Task, at: Instants, tally: Tally) -> None:
+    """Check that x and u are those of a motion, that x is not negative, 0 at every stop, and as wanted at both ends."""
     ds = np.diff(plan.s)
     moving = ds > 0.0
     if plan.steady:
@@ -271,7 +271,9 @@ def _check_timing(plan: Plan, at: Instants, tally: Tally) -> None:
     jump = np.where(moving, np.abs(np.diff(plan.x) - change), 0.0)
     still = np.ones(len(plan.s), dtype=bool)
     still[1:-1] = ~moving[:-1] | ~moving[1:]
-    off = np.maximum(np.where(still, np.abs(plan.x), 0.0), -plan.x)
+    wanted = np.zeros(len(plan.s))
+    wanted[[0, -1]] = np.square(task.path.end_speeds)
+    off = np.maximum(np.where(still, np.abs(plan.x - wanted), 0.0), -plan.x)
     off[:-1] = np.maximum(off[:-1], jump)
     size = TIMING_TOLERANCE * max(float(np.abs(plan.x).max()), np.finfo(float).tiny)
     where = int(np.argmax(off))

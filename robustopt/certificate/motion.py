@@ -70,6 +70,7 @@ def instants(plan: Plan, between: Sequence[float]) -> Instants:
     moving = np.flatnonzero(ds > 0.0)
     duration = np.zeros(len(ds))
     duration[moving] = interval_times(plan)[moving]
+    duration[ds == 0.0] = plan.problem.path.pauses
     begin = np.concatenate([[0.0], np.cumsum(duration)])
     shares = np.array([0.0, 1.0, *between])
     interval, share = (values.ravel() for values in np.meshgrid(moving, shares, indexing="ij"))
@@ -80,7 +81,8 @@ def instants(plan: Plan, between: Sequence[float]) -> Instants:
         for values, inner in ((plan.s, way), (plan.x, x))
     )
     stops = np.flatnonzero(ds == 0.0)
-    still = np.unique(np.concatenate([[0, len(plan.s) - 1], stops, stops + 1]))
+    ends = np.array([0, len(plan.s) - 1])[np.equal(plan.problem.path.end_speeds, 0.0)]
+    still = np.unique(np.concatenate([ends, stops, stops + 1]))
     s = np.concatenate([way, plan.s[still]])
     piece = np.concatenate([plan.piece[interval], plan.piece[still]])
     nodes, node = np.unique(np.column_stack([piece, s]), axis=0, return_inverse=True)

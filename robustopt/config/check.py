@@ -4,28 +4,23 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from robustopt.config.document import Finding, Key, show_key, split_key
+from robustopt.config.document import Finding, Key, split_key
 from robustopt.config.held_check import check_held
 from robustopt.config.model import Config
 from robustopt.config.object_model import ObjectConfig, TrayConfig, contact_names
-from robustopt.config.path_model import FramePose, PathConfig
+from robustopt.config.path_check import check_path
 from robustopt.config.per_name import value_of
 from robustopt.config.scene_check import check_scene, same_scene
 from robustopt.config.step_check import check_steps
 from robustopt.config.words import did_you_mean
-from robustopt.geometry import RESOLUTION
 from robustopt.scene.placement import TRAY, half_extents, supports
 
 OUTSIDE = 1e-9
 """Distance from a shape below which a centre of mass counts as within it: a rounding error [m]."""
-
-MOST_POSES, MOST_STEPS = 1000, 200
-"""Largest numbers of poses and of steps of a path: with more, it takes minutes to build (our choice)."""
 
 
 def check(config: Config, names: Collection[str] | None = None, like: Config | None = None) -> Iterator[Finding]:
@@ -41,7 +36,7 @@ def check(config: Config, names: Collection[str] | None = None, like: Config | N
     yield from _names(config, names)
     yield from check_steps(config)
     if like is None or config.path is not like.path:
-        yield from _path(config)
+        yield from check_path(config)
     yield from _solver(config)
     shapes = [finding for name, body in config.objects.items() for finding in _shape(("objects", name), body)]
     yield from shapes or _realizable(config)
@@ -155,64 +150,6 @@ def _contacts_without_friction(config: Config, names: Collection[str]) -> Iterat
 
 
 # Path and solver ------------------------------------------------------------------------------------------
-
-
-def _path(config: Config) -> Iterator[Finding]:
-    path = config.path
-    kinds = ("tray_poses", "tool_poses", "joints", "steps")
-    given = [name for name in kinds if getattr(path, name) is not None]
-    if len(given) != 1:
-        found = f"{'both' if len(given) == 2 else 'all'} of {' and '.join(given)}" if given else "none of them"
-        yield ("path",), f"found {found}; expected exactly one of {', '.join(kinds[:-1])} and {kinds[-1]}"
-        return
-    if path.poses is not None:
-        key: Key = ("path", path.poses_key)
-        for i, pose in enumerate(path.poses):
-            yield from _orientation((*key, i), pose)
-        yield from _waypoints(key, [_pose_numbers(pose) for pose in path.poses])
-        if len(path.poses) > MOST_POSES:
-            yield key, f"found {len(path.poses):,} poses; expected at most {MOST_POSES:,}"
-    elif path.steps is not None and len(path.steps) > MOST_STEPS:
-        yield ("path", "steps"), f"found {len(path.steps):,} steps; expected at most {MOST_STEPS:,}"
-    elif path.joints is not None:
-        yield from _joints(path)
-    if path.joints is None:
-        for name in ("unit", "repeated"):
-            if getattr(path, name) != PathConfig.model_fields[name].default:
-                yield ("path", name), f"not allowed with {given[0]}; expected it with joints only"
-
-
-def _joints(path: PathConfig) -> Iterator[Finding]:
-    if path.joint_files and path.joint_rows:
-        yield ("path", "joints"), "found names of files among waypoints; expected either files or waypoints"
-    elif not path.joint_files:
-        yield from _waypoints(("path", "joints"), path.joint_rows, repeats=path.repeated == "stop")
-
-
-def _waypoints(key: Key, waypoints: Sequence[Sequence[float]], repeats: bool = False) -> Iterator[Finding]:
-    """Yield mistakes in a list of waypoints, in which one may follow itself if `repeats`."""
-    name = show_key(key)
-    if len(waypoints) < 2:
-        yield key, f"found {len(waypoints)} waypoint{'' if len(waypoints) == 1 else 's'}; expected at least two"
-    for i, (first, second) in enumerate(pairwise(waypoints)):
-        if len(first) != len(second):
-            yield (*key, i + 1), f"found {len(second)} joint positions; expected {len(first)} as in {name}[{i}]"
-        elif not repeats and max((abs(a - b) for a, b in zip(first, second, strict=True)), default=0.0) <= RESOLUTION:
-            yield (*key, i + 1), f"found the same waypoint as {name}[{i}]; expected it once"
-
-
-def _orientation(key: Key, pose: FramePose) -> Iterator[Finding]:
-    given = [name for name in ("rpy", "yaw", "quaternion") if getattr(pose, name) is not None]
-    if len(given) > 1:
-        yield key, f"found {' and '.join(given)}; expected at most one of rpy, yaw and quaternion"
-    if pose.quaternion is not None and np.linalg.norm(pose.quaternion) < 1e-6:
-        message = f"found {list(pose.quaternion)}, which has no direction; expected w, x, y, z, not all zero"
-        yield (*key, "quaternion"), message
-
-
-def _pose_numbers(pose: FramePose) -> tuple[float, ...]:
-    rpy = pose.rpy or (0.0, 0.0, pose.yaw or 0.0)
-    return (*pose.position, *rpy, *(pose.quaternion or (1.0, 0.0, 0.0, 0.0)))
 
 
 def _solver(config: Config) -> Iterator[Finding]:

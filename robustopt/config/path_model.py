@@ -7,6 +7,7 @@ from typing import Literal
 from pydantic import Field
 
 from robustopt.config.section import (
+    Count,
     Distance,
     Length,
     NonNegative,
@@ -85,6 +86,13 @@ class RailConfig(Section):
         return f"{self.hand}_hand"
 
 
+class PauseConfig(Section):
+    """A pause at a waypoint."""
+
+    waypoint: Count = Field(description="number of the waypoint or pose, from 0 for the first; the ends have no pause")
+    time: Positive = Field(description="time for which the robot stands still there [s]")
+
+
 class PathConfig(Section):
     """The path, given by exactly one of tray_poses, tool_poses, joints and steps."""
 
@@ -105,6 +113,17 @@ class PathConfig(Section):
         default="drop",
         description="with joints: whether rows that repeat the one before are dropped, or the robot stops there; with "
         "drop, a repeated waypoint in a list is an error",
+    )
+    start_speed: NonNegative = Field(
+        default=0.0,
+        description="with joints: speed at the start, the length of the vector of joint velocities [rad/s or m/s]",
+    )
+    end_speed: NonNegative = Field(
+        default=0.0,
+        description="with joints: speed at the end, the length of the vector of joint velocities [rad/s or m/s]",
+    )
+    pauses: tuple[PauseConfig, ...] = Field(
+        default=(), description="waypoints or poses at which the robot stops, and for how long; not with steps"
     )
     blend: NonNegative = Field(
         default=0.0,
@@ -148,6 +167,11 @@ class PathConfig(Section):
     def joint_rows(self) -> tuple[tuple[float, ...], ...]:
         """Return the joint waypoints in the configuration itself; () without any."""
         return () if isinstance(self.joints, str) else tuple(row for row in self.joints or () if isinstance(row, tuple))
+
+    @property
+    def pause_times(self) -> dict[int, float]:
+        """Return the time for which the robot pauses at each waypoint that has a pause [s]."""
+        return {pause.waypoint: pause.time for pause in self.pauses}
 
     @property
     def poses(self) -> tuple[FramePose, ...] | None:

@@ -33,6 +33,7 @@ class Motion:
         factor: factor k >= 1 by which the motion takes longer than the plan.
         samples: states at 0, period, 2 period, ... up to the end.
         rests: whether the robot can stand still everywhere on the path, so that all slower motions are feasible too.
+        moving: ends at which the robot moves, in words; () if it begins and ends at rest.
     """
 
     name: str
@@ -42,6 +43,7 @@ class Motion:
     factor: float
     samples: Samples
     rests: bool
+    moving: tuple[str, ...]
 
     @property
     def duration(self) -> float:
@@ -58,6 +60,11 @@ class Motion:
         if len(self.samples.t) == 2:
             end = f"to {self.duration:.6g} s: it is shorter than one period, so only its start and its end are left"
         notes = [f"the motion is {slower} {end}"]
+        if self.moving:
+            notes.append(
+                f"its speed at the {' and at the '.join(self.moving)} is lower by as much; a period of which "
+                f"{self.planned:.6g} s is a multiple keeps it"
+            )
         if not self.rests:
             notes.append(
                 "the robot cannot stand still everywhere on this path, so the certificate of the plan does not cover "
@@ -95,4 +102,5 @@ def whole_cycles(plan: Plan, period: float) -> Motion:
         factor,
         replace(samples, t=t),
         rests=bool(problem.c.max(initial=0.0) <= AT_REST),
+        moving=tuple(end for end, speed in zip(("start", "end"), problem.path.end_speeds, strict=True) if speed > 0.0),
     )

@@ -138,6 +138,20 @@ class TimeScalingProblem:
         """Return the interval lengths (P - 1,); 0 at stops."""
         return np.diff(self.s)
 
+    @cached_property
+    def fixed(self) -> Array:
+        """Return x where it is given, 0 at rest and the configured speed at both ends, and nan elsewhere (P,)."""
+        fixed = np.where(self.rest, 0.0, np.nan)
+        fixed[[0, -1]] = np.square(self.path.end_speeds)
+        return fixed
+
+    @cached_property
+    def pauses(self) -> Array:
+        """Return the time for which the robot stands still on each interval without length, else 0, (P - 1,) [s]."""
+        pauses = np.zeros(len(self.ds))
+        pauses[self.ds == 0.0] = self.path.pauses
+        return pauses
+
     @property
     def facets(self) -> tuple[Array, ...]:
         """Return the rows of each contact system, as fractions of its weight, (F, d) each."""

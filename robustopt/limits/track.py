@@ -194,7 +194,7 @@ def build_track(robot: Robot, path: Path, grid: Grid) -> Track:
         grid: the grid along the path.
     """
     rest = np.zeros(len(grid.s), dtype=bool)
-    rest[[0, -1]] = True
+    rest[[0, -1]] = [speed == 0.0 for speed in path.end_speeds]
     doubled = np.flatnonzero(np.diff(grid.s) == 0)
     rest[doubled] = rest[doubled + 1] = True
     q, q1, q2 = (path.evaluate(grid.s, grid.piece, order) for order in (0, 1, 2))

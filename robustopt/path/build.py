@@ -13,11 +13,11 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from robustopt.arrays import Array
-from robustopt.config import Config, PathTolerance
+from robustopt.config import Config, PathConfig
 from robustopt.errors import PathError
 from robustopt.path.branches import LIMIT_TOLERANCE, Branch, BranchLostError, fit_branch, follow_branches
 from robustopt.path.collision import CollisionCheck
-from robustopt.path.joint_waypoints import KEY, joint_waypoints
+from robustopt.path.joint_waypoints import KEY, Waypoints, joint_waypoints
 from robustopt.path.path import Path
 from robustopt.path.pose_path import PosePath, pose_path
 from robustopt.path.reach import WAYS_OUT, branch_problems, limit_sentence, start_position
@@ -59,18 +59,27 @@ def _path(config: Config, robot: Robot) -> Path:
     usable = [branch for branch in branches if branch.usable]
     if not usable:
         raise PathError(branch_problems(robot, poses, branches, start))
-    paths = (_branch_path(robot, poses, branch, config.path.tolerance) for branch in usable)
+    paths = (_branch_path(robot, poses, branch, config.path) for branch in usable)
     return _first_sound(paths, config, robot, f"path.{poses.noun}")
 
 
 def _joint_path(config: Config, robot: Robot) -> Path:
     waypoints = joint_waypoints(config, robot.joint_names, robot.hinges)
-    q, stops = waypoints.q, waypoints.stops
+    q, speeds = waypoints.q, _end_speeds(config, waypoints)
+    pauses = config.path.pause_times
+    late = next((i for i in pauses if i >= len(q) - 1), None)
+    if late is not None:
+        raise PathError(f"found waypoint {late}; expected a number from 1 to {len(q) - 2}", key="path.pauses")
+    stops = np.union1d(waypoints.stops, np.array(sorted(pauses), dtype=np.intp))
     chord = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(q, axis=0), axis=1))))
     s = chord / chord[-1]
     ends = [0, *stops, len(q) - 1]
     pieces = [CubicSpline(s[start : end + 1], q[start : end + 1]) for start, end in pairwise(ends)]
-    path = Path(pieces, s[ends], s, "joints", notes=waypoints.notes, recorded=waypoints.recorded)
+    path = Path(
+        pieces, s[ends], s, "joints", notes=waypoints.notes, recorded=waypoints.recorded,
+        pauses=np.array([pauses.get(int(stop), 0.0) for stop in stops]),
+        speeds=speeds,
+    )  # fmt: skip
     try:
         return _first_sound([path], config, robot, KEY)
     except PathError as error:
@@ -79,14 +88,33 @@ def _joint_path(config: Config, robot: Robot) -> Path:
         raise PathError(f"{error.problems[0].message}; {waypoints.doubt}", key=KEY) from None
 
 
-def _branch_path(robot: Robot, poses: PosePath, branch: Branch, tolerance: PathTolerance) -> Path | str:
+def _end_speeds(config: Config, waypoints: Waypoints) -> tuple[float, float]:
+    """Return the lengths of the joint velocities at the start and at the end.
+
+    Raises:
+        PathError: the robot is to move where a repeated waypoint is a stop.
+    """
+    speeds = config.path.start_speed, config.path.end_speed
+    for key, speed, stands in zip(("start_speed", "end_speed"), speeds, waypoints.ends_at_rest, strict=True):
+        if stands and speed > 0.0:
+            raise PathError(
+                f"found {speed:g}, but the waypoint there is repeated, and path.repeated is stop; expected 0, or "
+                "path.repeated: drop",
+                key=f"path.{key}",
+            )
+    return speeds
+
+
+def _branch_path(robot: Robot, poses: PosePath, branch: Branch, config: PathConfig) -> Path | str:
     """Fit splines to a branch; if that fails, return the reason as a sentence."""
     waypoints = poses.start / poses.length
+    inner = np.flatnonzero(poses.stops)[1:-1]
     try:
-        pieces = fit_branch(robot, poses, branch, tolerance)
+        pieces = fit_branch(robot, poses, branch, config.tolerance)
     except BranchLostError as error:
         return f"{poses.label(error.sigma)}: {error.reason}; {WAYS_OUT}"
-    return Path(pieces, poses.breaks / poses.length, waypoints, poses.noun)
+    times = np.array([config.pause_times.get(int(stop), 0.0) for stop in inner])
+    return Path(pieces, poses.breaks / poses.length, waypoints, poses.noun, pauses=times)
 
 
 def _first_sound(paths: Iterable[Path | str], config: Config, robot: Robot, key: str) -> Path:

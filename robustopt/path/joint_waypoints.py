@@ -38,6 +38,7 @@ class Waypoints:
     Attributes:
         q: the waypoints (W, n) [rad or m].
         stops: inner waypoints at which the robot stops.
+        ends_at_rest: whether the first and the last waypoint are repeated, which is kept as a stop.
         notes: content of the files that is not used, and doubts, in words.
         doubt: doubt about the unit of the angles, in words; None without one.
         recorded: duration of the recordings; None unless all have times [s].
@@ -45,6 +46,7 @@ class Waypoints:
 
     q: Array
     stops: Indices
+    ends_at_rest: tuple[bool, bool]
     notes: tuple[str, ...]
     doubt: str | None
     recorded: float | None
@@ -74,9 +76,11 @@ def joint_waypoints(config: Config, joint_names: tuple[str, ...], hinges: Flags)
     dropped = len(q) - len(kept) - (len(recordings) - 1)
     notes = [note for recording in recordings for note in recording.notes]
     stops: Indices = np.zeros(0, dtype=np.intp)
+    ends_at_rest = (False, False)
     if path.repeated == "stop":
         followed = np.flatnonzero(np.diff(np.append(kept, len(q))) > 1)
         stops = followed[(followed > 0) & (followed < len(kept) - 1)]
+        ends_at_rest = bool((followed == 0).any()), bool((followed == len(kept) - 1).any())
     elif path.joint_rows and len(kept) < len(q):
         repeated = np.setdiff1d(np.arange(len(q)), kept)[:MOST_COMPLAINTS].tolist()
         raise PathError(
@@ -90,7 +94,7 @@ def joint_waypoints(config: Config, joint_names: tuple[str, ...], hinges: Flags)
     doubt = _doubt(q[:, hinges], path.unit == "degrees")
     durations = [recording.duration for recording in recordings]
     recorded = None if None in durations else sum(filter(None, durations))
-    return Waypoints(q[kept], stops, (*notes, *([doubt] if doubt else [])), doubt, recorded)
+    return Waypoints(q[kept], stops, ends_at_rest, (*notes, *([doubt] if doubt else [])), doubt, recorded)
 
 
 def _recordings(config: Config, joints: tuple[str, ...]) -> list[Recording]:

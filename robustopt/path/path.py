@@ -6,6 +6,7 @@ The path is C2 on each piece; between two pieces the robot stops.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,15 +20,18 @@ POINTS_PER_KNOT = 8
 FEWEST_POINTS = 200
 """Density of the points at which the joint limits are checked: an extremum is missed by 1/16 of a knot interval."""
 
+STILL = 1e-9
+"""Least |q'| at an end of the path where the robot moves: with less, its speed is beyond every limit (our choice)."""
+
 Spline = BSpline | CubicSpline
 
 
 class Path:
-    """A path q(s), s in [0, 1], of K pieces, C2 on each.
+    """A path q(s), s in [0, 1] or from a later position to 1, of K pieces, C2 on each.
 
     Attributes:
-        breaks: boundaries of the pieces, from 0 to 1 (K+1,); the robot stops at the inner ones, and the derivative of q
-            may jump there.
+        breaks: boundaries of the pieces, from the start to 1 (K+1,); the robot stops at the inner ones, and the
+            derivative of q may jump there.
         waypoints: s of the configured waypoints (W,).
         switches: values of s at which the limits change without a stop.
         kinks: values of s that a grid should contain: the switches, and interior knots of cubic splines, at which q''
@@ -35,6 +39,8 @@ class Path:
         stances: phases of a path with steps in their order; () without steps.
         notes: content of the path's files that is not used or looks wrong, in words.
         recorded: duration of the recording that the path follows; None without one [s].
+        pauses: time for which the robot stands still at each inner break (K-1,) [s].
+        end_speeds: sd at the start and at the end [1/s].
 
     Args:
         pieces: splines q(s), one for each piece.
@@ -44,6 +50,8 @@ class Path:
         steps: footsteps, with one phase between neighbouring waypoints.
         notes: content of the path's files that is not used or looks wrong, in words.
         recorded: duration of the recording that the path follows; None without one [s].
+        pauses: time for which the robot stands still at each inner break (K-1,), by default 0 [s].
+        speeds: length of q' sd at the start and at the end, where q' does not vanish [rad/s or m/s].
     """
 
     def __init__(
@@ -55,6 +63,8 @@ class Path:
         steps: Footsteps | None = None,
         notes: Sequence[str] = (),
         recorded: float | None = None,
+        pauses: Array | None = None,
+        speeds: tuple[float, float] = (0.0, 0.0),
     ) -> None:
         self.breaks = np.array(breaks, dtype=float)
         self.waypoints = np.array(waypoints, dtype=float)
@@ -62,6 +72,8 @@ class Path:
         self.waypoints.setflags(write=False)
         self._noun, self._steps = noun, steps
         self.notes, self.recorded = tuple(notes), recorded
+        self.pauses = np.zeros(len(self.breaks) - 2) if pauses is None else np.array(pauses, dtype=float)
+        self.pauses.setflags(write=False)
         self.stances = steps.stances if steps is not None else ()
         self.switches = self.waypoints[1:-1] if steps is not None else np.zeros(0)
         knots = [piece.x[1:-1] for piece in pieces if isinstance(piece, CubicSpline)]
@@ -70,6 +82,43 @@ class Path:
             np.concatenate([piece.x if isinstance(piece, CubicSpline) else piece.t for piece in pieces])
         )
         self._derivatives = [[piece.derivative(order) if order else piece for order in range(4)] for piece in pieces]
+        self.end_speeds = self._speeds_along(speeds)
+
+    def with_speeds(self, start: float, end: float) -> Path:
+        """Return the same path with other speeds at its ends.
+
+        Args:
+            start: length of q' sd at the start [rad/s or m/s].
+            end: length of q' sd at the end [rad/s or m/s].
+        """
+        other = copy(self)
+        other.end_speeds = self._speeds_along((start, end))
+        return other
+
+    def after(self, s: float, piece: int, speed: float) -> Path:
+        """Return the part of the path from a position on, with the same s.
+
+        Args:
+            s: the position along the path.
+            piece: piece of the path on which the part begins.
+            speed: sd there [1/s].
+        """
+        other = copy(self)
+        other.breaks = np.append(s, self.breaks[piece + 1 :])
+        other.breaks.setflags(write=False)
+        other.pauses, other.kinks = self.pauses[piece:], self.kinks[self.kinks > s]
+        other.switches = self.switches[self.switches > s]
+        other.stances = self.stances[len(self.switches) - len(other.switches) :]
+        other.end_speeds = speed, self.end_speeds[1]
+        other._derivatives = self._derivatives[piece:]
+        return other
+
+    def _speeds_along(self, speeds: tuple[float, float]) -> tuple[float, float]:
+        rates = np.linalg.norm(self(self.breaks[[0, -1]], 1), axis=1)
+        start, end = (
+            speed / max(float(rate), STILL) if speed else 0.0 for speed, rate in zip(speeds, rates, strict=True)
+        )
+        return start, end
 
     def evaluate(self, s: Array, piece: Indices, order: int = 0) -> Array:
         """Return a derivative of q with respect to s.

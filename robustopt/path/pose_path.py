@@ -132,7 +132,8 @@ def pose_path(path: PathConfig) -> PosePath:
     length = np.hypot(np.linalg.norm(np.diff(position, axis=0), axis=1), TURN_LENGTH * np.linalg.norm(angle, axis=1))
     _check_segments(length, angle, noun)
     velocity, turn = np.diff(position, axis=0) / length[:, None], angle / length[:, None]
-    blend, stops = _corners(velocity, turn, length, path.blend)
+    paused = np.isin(np.arange(1, len(poses) - 1), [pause.waypoint for pause in path.pauses])
+    blend, stops = _corners(velocity, turn, length, path.blend, paused)
     start = np.concatenate(([0.0], np.cumsum(length)))
     return PosePath(start, position, rotation, velocity, turn, blend, stops, noun)
 
@@ -164,12 +165,12 @@ def _check_segments(length: Array, angle: Array, noun: str) -> None:
         raise PathError(problems)
 
 
-def _corners(velocity: Array, turn: Array, length: Array, blend: float) -> tuple[Array, Flags]:
-    """Return the blend length of every waypoint, and whether the frame stops there."""
+def _corners(velocity: Array, turn: Array, length: Array, blend: float, paused: Flags) -> tuple[Array, Flags]:
+    """Return the blend length of every waypoint, and whether the frame stops there, as it does at the `paused` ones."""
     direction = np.hstack((velocity, TURN_LENGTH * turn))
     cosine = np.sum(direction[:-1] * direction[1:], axis=1)
-    straight = np.linalg.norm(np.diff(direction, axis=0), axis=1) < STRAIGHT
-    rounded = ~straight & (cosine > REVERSAL) & (blend > 0)
+    straight = ~paused & (np.linalg.norm(np.diff(direction, axis=0), axis=1) < STRAIGHT)
+    rounded = ~straight & ~paused & (cosine > REVERSAL) & (blend > 0)
     inner = np.where(rounded, np.minimum(blend, np.minimum(length[:-1], length[1:]) / 2), 0.0)
     return np.concatenate(([0.0], inner, [0.0])), np.concatenate(([True], ~straight & ~rounded, [True]))
 

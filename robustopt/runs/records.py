@@ -163,7 +163,9 @@ class DiagnosisRecord(Record):
     places: tuple[str, ...] = ()
     remedies: tuple[RemedyRecord, ...]
     standstill: bool
+    from_start: bool = False
     from_rest: bool
+    at_speed: bool = False
 
 
 # Executions -----------------------------------------------------------------------------------------------

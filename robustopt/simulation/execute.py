@@ -171,6 +171,7 @@ def prepare(plan: Plan, config: Config | None = None, seed: int | None = None, s
     execution = config.execution or ExecutionConfig()
     config = config.model_copy(update={"execution": execution})
     trajectory = Trajectory.from_plan(plan, speed)
+    _require_rests(plan)
     _require_usable(trajectory, execution)
     path = trajectory.at_gridpoints().q
     gains = gains_of(config, plan.problem.robot, path)
@@ -205,6 +206,13 @@ def faster(plan: Plan, speed: float) -> Plan:
     x = (speed * np.sqrt(np.maximum(plan.x, 0.0))) ** 2
     u = controls_of(plan.problem.ds, x) if plan.steady else speed**2 * plan.u
     return replace(plan, x=x, u=u, change=speed**2 * plan.change, duration=plan.duration / speed)
+
+
+def _require_rests(plan: Plan) -> None:
+    """Check that the motion begins and ends at rest, as a trial does."""
+    for key, speed in zip(("start_speed", "end_speed"), plan.problem.path.end_speeds, strict=True):
+        if speed > 0.0:
+            raise ConfigError("not allowed in an execution, which begins and ends at rest; expected 0", f"path.{key}")
 
 
 def _require_usable(trajectory: Trajectory, execution: ExecutionConfig) -> None:

@@ -86,7 +86,9 @@ class Diagnosis:
         places: positions of the conflicts along the path in words.
         remedies: changes that help.
         standstill: whether the robot must rest at the point but cannot.
-        from_rest: whether the robot must start from rest at the point but cannot reach the end.
+        from_start: whether the speed at the start is given but allows no timing that reaches the end.
+        from_rest: whether this speed is 0.
+        at_speed: whether the robot must reach the end at a speed other than 0.
     """
 
     point: int
@@ -96,7 +98,9 @@ class Diagnosis:
     places: tuple[str, ...]
     remedies: tuple[Remedy, ...]
     standstill: bool
+    from_start: bool
     from_rest: bool
+    at_speed: bool
 
     @property
     def sentence(self) -> str:
@@ -104,8 +108,9 @@ class Diagnosis:
         reason = "no combination of speed and acceleration is possible"
         if self.standstill:
             reason = "the robot cannot stand still"
-        elif self.from_rest:
-            reason = "no timing that starts from rest reaches the end"
+        elif self.from_start:
+            start = "from rest" if self.from_rest else "at the given speed"
+            reason = f"no timing that starts {start} reaches the end{' at path.end_speed' if self.at_speed else ''}"
         here = f"s = {self.s:.4g} ({self.place})"
         limits = "; ".join(
             " together with ".join(conflict) + ("" if place == here else f" at {place}")
@@ -138,7 +143,9 @@ def diagnose(plan: Plan) -> Diagnosis:
         places=tuple(f"s = {problem.s[points[one]]:.4g} ({_place(problem, points[one])})" for one in conflicts),
         remedies=tuple(_remedies(problem, conflicts, found)),
         standstill=standstill(problem) == point,
-        from_rest=bool(problem.rest[point]) and standstill(problem) != point,
+        from_start=bool(np.isfinite(problem.fixed[point])) and standstill(problem) != point,
+        from_rest=bool(problem.rest[point]),
+        at_speed=problem.path.end_speeds[1] > 0.0,
     )
 
 
@@ -285,8 +292,12 @@ class _Trial:
         try:
             for candidate, value in values.items():
                 config = with_values(config, candidate.write(config, value))
-            if any(candidate.key.startswith("robot.") for candidate in values):
-                track = build_track(load_robot(config), self.problem.path, track.grid)
+            if any(candidate.key.startswith(("robot.", "path.")) for candidate in values):
+                path = self.problem.path
+                if config.path != self.problem.config.path:
+                    path = path.with_speeds(config.path.start_speed, config.path.end_speed)
+                robot = track.robot if config.robot == self.problem.config.robot else load_robot(config)
+                track = build_track(robot, path, track.grid)
             changed = rows_along(track, config)
             if method == "ipopt" and self.limits is None:
                 return solve(changed, jerk=False).status is Status.SOLVED

@@ -36,7 +36,7 @@ TO_BOUNDARY = 0.95
 
 
 @compiled()
-def _rows(a, b, c, x_max, ds):
+def _rows(a, b, c, x_max, ds, free):
     """Return the rows G1 x_i + G2 x_{i+1} + h <= 0 of the intervals and of the bounds of x, and the index i of each."""
     P, m = a.shape
     G1, G2, h, at = (
@@ -61,7 +61,7 @@ def _rows(a, b, c, x_max, ds):
                 at[n] = i
                 n += 1
     for i in range(P - 1):
-        if x_max[i] > 0.0:
+        if free[i]:
             G1[n], G2[n], h[n], at[n] = 1.0 / x_max[i], 0.0, -1.0, i
             n += 1
     return G1[:n], G2[:n], h[:n], at[:n]
@@ -163,7 +163,7 @@ def _step_inside(G1, G2, at, x, dx, slack, free):
 
 
 @compiled()
-def polish(a, b, c, x_max, ds, feasible):
+def polish(a, b, c, x_max, ds, feasible, free):
     """Find the minimum-time timing on some rows, starting from a feasible timing.
 
     If the slower timing has no slack, for example because the robot could not stand still, the rows are relaxed by
@@ -176,20 +176,20 @@ def polish(a, b, c, x_max, ds, feasible):
         x_max: largest x, 0 at rest (P,).
         ds: interval lengths, 0 at stops (P - 1,).
         feasible: a feasible timing x (P,).
+        free: whether x may change (P,).
 
     Returns:
         The timing x (P,), and a bound on the excess of its duration over the optimum [s].
     """
     P = len(feasible)
-    G1, G2, h, at = _rows(a, b, c, x_max, ds)
+    G1, G2, h, at = _rows(a, b, c, x_max, ds, free)
     n = len(at)
-    free = x_max > 0.0
     least = LEAST_START * feasible.max()
-    x = np.where(free, np.maximum(START * feasible, least), 0.0)
+    x = np.where(free, np.maximum(START * feasible, least), feasible)
     slack, trial = np.empty(n), np.empty(n)
     if _slacks(G1, G2, h, at, x, slack) <= 0.0:
         h -= RELAXED
-        x[:] = np.where(free, np.maximum(feasible, least), 0.0)
+        x[:] = np.where(free, np.maximum(feasible, least), feasible)
         if _slacks(G1, G2, h, at, x, slack) <= 0.0:
             return feasible, np.inf
     gradient, diagonal, off = np.zeros(P), np.zeros(P), np.zeros(P)

@@ -46,12 +46,14 @@ def solve_ipopt(problem: TimeScalingProblem, guess: Array | None = None) -> Plan
         guess: timing x to start from (P,); by default that of `reachability`.
     """
     began = time.perf_counter()
-    feasible_x, _, stuck = passes(problem.a, problem.b, problem.c, problem.x_max, problem.ds)
+    feasible_x, _, stuck = passes(problem.a, problem.b, problem.c, problem.x_max, problem.ds, problem.fixed[[0, -1]])
     if not problem.feasible.all():
         stuck = int(np.argmin(problem.feasible))
     if stuck >= 0:
         figures = {"solver_seconds": time.perf_counter() - began}
         return failed_plan(problem, Status.INFEASIBLE, "ipopt", outcome(Status.INFEASIBLE, problem), stuck, figures)
+    if not np.isnan(problem.fixed).any():  # a single interval is left of a running plan
+        return solved_plan(problem, feasible_x, "ipopt", {"solver_seconds": time.perf_counter() - began})
     scale = np.where(feasible_x > 0, feasible_x, problem.x_max)
     x, ended, iterations = _minimise(problem, feasible_x if guess is None else guess, scale, OPTIONS)
     figures = {"solver_seconds": time.perf_counter() - began, "ipopt_iterations": float(iterations)}
@@ -69,12 +71,13 @@ def _minimise(
     The variables are fractions of the timing `scale` (P,), and the cost is a fraction of its duration, so that
     tolerances mean the same for slow and fast robots. `guess` is the timing to start from (P,).
     """
-    free = np.flatnonzero(problem.x_max > 0)
+    free = np.flatnonzero(np.isnan(problem.fixed))
     rows, right = _rows(problem, free)
     part = ca.MX.sym("x", len(free))
     size = scale[free]
     variable, matrix = part * ca.DM(size), ca.DM(sparse.csc_matrix(rows.multiply(size)))
-    full, root = _spread(variable, free, problem), _spread(ca.sqrt(variable), free, problem)
+    given = np.nan_to_num(problem.fixed)
+    full, root = _spread(variable, free, given), _spread(ca.sqrt(variable), free, np.sqrt(given))
     objective = _objective(problem, full, root, problem.config.solver.cost) / duration_of(problem.ds, scale)
     upper = problem.x_max[free] / size
     start = np.clip(guess[free] / size, 10 * SMALLEST_X, 0.999 * upper)
@@ -85,7 +88,7 @@ def _minimise(
         answer = solver(x0=start, lbx=SMALLEST_X, ubx=upper, lbg=-np.inf, ubg=right)
     if interruptions:  # the user's handler let the work go on
         return _minimise(problem, guess, scale, options)
-    result = np.zeros(len(problem.s))
+    result = given
     result[free] = size * np.clip(np.array(answer["x"]).ravel(), 0.0, upper)
     stats = solver.stats()
     return result, str(stats["return_status"]), int(stats["iter_count"])
@@ -120,6 +123,7 @@ class Stop(ca.Callback):  # type: ignore[misc]
 
 def _rows(problem: TimeScalingProblem, free: Indices) -> tuple[sparse.csc_matrix, Array]:
     """Return the rows A x <= right at both ends of the intervals over the free x, without rows that always hold."""
+    given = np.nan_to_num(problem.fixed)
     moving = np.flatnonzero(problem.ds > 0)
     gain = 1.0 / (2 * problem.ds[moving])
     before, after, right = [], [], []
@@ -138,12 +142,12 @@ def _rows(problem: TimeScalingProblem, free: Indices) -> tuple[sparse.csc_matrix
     matrix = sparse.csc_matrix(
         (entries, (np.r_[np.arange(count), np.arange(count)], columns)), shape=(count, len(problem.s))
     )
-    return matrix[:, free].tocsc(), limit[keep]
+    return matrix[:, free].tocsc(), limit[keep] - matrix @ given
 
 
-def _spread(values: ca.MX, free: Indices, problem: TimeScalingProblem) -> ca.MX:
-    """Return the values at the free grid points, 0 at the others, (P,)."""
-    full = ca.MX(len(problem.s), 1)
+def _spread(values: ca.MX, free: Indices, given: Array) -> ca.MX:
+    """Return the values at the free grid points and those given (P,) at the others, (P,)."""
+    full = ca.MX(ca.DM(given))
     full[free.tolist()] = values
     return full
 

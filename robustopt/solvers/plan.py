@@ -69,7 +69,7 @@ class Plan:
         x: sd^2 at the grid points (P,) [1/s^2]; empty without a timing.
         u: sdd at the start of each interval (P - 1,) [1/s^2], 0 on intervals without length; empty without a timing.
         change: change of sdd on each interval, at a constant rate in time (P - 1,) [1/s^2]; 0 without jerk limits.
-        duration: sum over the intervals [s]; infinite without a timing.
+        duration: sum over the intervals, and pauses [s]; infinite without a timing.
         problem: the problem with all rows that the solver has found.
         statistics: figures of the solution process by name.
         stuck: grid point at which no choice is left, -1 unless the problem is infeasible.
@@ -105,10 +105,13 @@ class Plan:
 
     @cached_property
     def steps(self) -> Array:
-        """Return the time of each interval (P - 1,) [s]; 0 on intervals without length, infinite if the robot rests."""
+        """Return the time of each interval (P - 1,) [s].
+
+        On intervals without length it is that of the pause; it is infinite if the robot rests.
+        """
         speed, ds = np.sqrt(self.x), self.problem.ds
         mean = 0.5 * (speed[:-1] + speed[1:])
-        steps = np.zeros(len(ds))
+        steps = self.problem.pauses.copy()
         moving = ds > 0.0
         steps[moving] = interval_times(ds[moving], mean[moving], self.change[moving])
         return steps
@@ -236,14 +239,14 @@ def timed_plan(
         problem: the problem.
         x: sd^2 (P,); becomes read-only.
         u: sdd on each interval (P - 1,); becomes read-only.
-        duration: duration [s].
+        duration: duration without pauses [s].
         method: name of the solver.
         statistics: figures of the solution process by name.
     """
     change = np.zeros_like(u)
     for array in (x, u, change):
         array.flags.writeable = False
-    message = outcome(Status.SOLVED, problem)
+    message, duration = outcome(Status.SOLVED, problem), duration + float(problem.pauses.sum())
     return Plan(Status.SOLVED, message, method, problem.s, problem.piece, x, u, change, duration, problem, statistics)
 
 

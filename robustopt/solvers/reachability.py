@@ -1,11 +1,11 @@
 """Reachability: the minimum-time timing by two passes over the grid, compiled.
 
 Backward: the controllable set of a grid point is the interval of x from which the end can be reached. Its ends are two
-linear programs in (u, x), over the rows at both ends of the interval and the next controllable set. Forward: from rest
-take the largest u that stays controllable. Let F_i(x) be the largest x_{i+1} that can follow x_i, a concave function.
-If no F_i decreases before the x_i of the forward pass, its timing is the pointwise largest, hence optimal. In general
-the largest F_i of all smaller x gives a second pass, an upper bound of every feasible timing, and so a lower bound of
-the duration. If the two durations differ, an interior-point method polishes the plan (our choice).
+linear programs in (u, x), over the rows at both ends of the interval and the next controllable set. Forward: from the
+start take the largest u that stays controllable. Let F_i(x) be the largest x_{i+1} that can follow x_i, a concave
+function. If no F_i decreases before the x_i of the forward pass, its timing is the pointwise largest, hence optimal. In
+general the largest F_i of all smaller x gives a second pass, an upper bound of every feasible timing, and so a lower
+bound of the duration. If the two durations differ, an interior-point method polishes the plan (our choice).
 """
 
 from __future__ import annotations
@@ -23,6 +23,13 @@ from robustopt.solvers.plan import Plan, Status, controls_of, duration_of, faile
 FEASIBILITY = 1e-9
 """Fraction of its limit by which a row may be violated: the accuracy of a vertex of two rows in double precision."""
 
+SAME_START = 1e-8
+"""Part by which x at the start may be above the controllable set: a plan that starts from another one is in it but for
+rounding errors."""
+
+AT_REST = np.zeros(2)
+"""Ends of a timing from rest to rest."""
+
 OPTIMALITY_GAP = 5e-5
 """Fraction of the duration by which the forward pass may exceed its lower bound without being polished: half of the
 1e-4 to which the solvers agree."""
@@ -35,7 +42,7 @@ def solve_reachability(problem: TimeScalingProblem) -> Plan:
         problem: the problem.
     """
     began = time.perf_counter()
-    x, bound, stuck = passes(problem.a, problem.b, problem.c, problem.x_max, problem.ds)
+    x, bound, stuck = passes(problem.a, problem.b, problem.c, problem.x_max, problem.ds, problem.fixed[[0, -1]])
     closed = np.flatnonzero(~problem.feasible)
     stuck = closed[0] if len(closed) else stuck
     if stuck >= 0:
@@ -45,7 +52,8 @@ def solve_reachability(problem: TimeScalingProblem) -> Plan:
     gap = 1.0 - least / duration
     polished = gap > OPTIMALITY_GAP
     if polished:
-        better, left = polish(problem.a, problem.b, problem.c, problem.x_max, problem.ds, x)
+        free = np.isnan(problem.fixed)
+        better, left = polish(problem.a, problem.b, problem.c, problem.x_max, problem.ds, x, free)
         after = duration_of(problem.ds, better)
         if after < duration:
             x, u, duration = better, controls_of(problem.ds, better), after
@@ -157,7 +165,7 @@ def _holds_at_rest(A, C, m):
     return low <= high
 
 
-def passes(a: Array, b: Array, c: Array, x_max: Array, ds: Array) -> tuple[Array, Array, int]:
+def passes(a: Array, b: Array, c: Array, x_max: Array, ds: Array, ends: Array = AT_REST) -> tuple[Array, Array, int]:
     """Run the backward and the forward pass.
 
     Args:
@@ -166,6 +174,7 @@ def passes(a: Array, b: Array, c: Array, x_max: Array, ds: Array) -> tuple[Array
         c: constants (P, m).
         x_max: largest x, 0 at rest (P,).
         ds: interval lengths, 0 at stops (P - 1,).
+        ends: x at the start and at the end (2,).
 
     Returns:
         The timing x (P,); an upper bound of every feasible x (P,); the grid point at which no choice is left or the
@@ -175,7 +184,11 @@ def passes(a: Array, b: Array, c: Array, x_max: Array, ds: Array) -> tuple[Array
     low, high, x, bound = np.zeros((4, P))
     A, B, C = np.empty((3, 2 * m + 2))
     fast, slow, order = np.tile(np.arange(2 * m + 2, dtype=np.uint32), (3, 1))
+    low[-1] = high[-1] = ends[1]
+    x[0] = bound[0] = ends[0]
     stuck = _backward(a, b, c, x_max, ds, low, high, A, B, C, fast, slow)
+    if stuck < 0 and not low[0] - FEASIBILITY <= ends[0] * (1.0 + SAME_START) <= high[0] * (1.0 + 2.0 * SAME_START):
+        stuck = 0
     if stuck < 0:
         _forward(a, b, c, ds, low, high, x, bound, A, B, C, order)
     return x, bound, stuck
@@ -184,7 +197,6 @@ def passes(a: Array, b: Array, c: Array, x_max: Array, ds: Array) -> tuple[Array
 @compiled(error_model="numpy", _nrt=False)
 def _backward(a, b, c, x_max, ds, low, high, A, B, C, fast, slow):
     """Find the controllable sets; return the grid point at which none is left, or -1."""
-    high[-1] = x_max[-1]
     for i in range(len(ds) - 1, -1, -1):
         if ds[i] == 0.0:
             low[i], high[i] = low[i + 1], min(high[i + 1], x_max[i])
@@ -197,7 +209,7 @@ def _backward(a, b, c, x_max, ds, low, high, A, B, C, fast, slow):
             low[i] = 0.0 if _holds_at_rest(A, C, n) else _extreme_x(A, B, C, n, x_max[i], -1.0, slow)
         if not low[i] <= high[i] or (ds[i] > 0.0 and high[i] == 0.0 and high[i + 1] == 0.0):
             return i
-    return 0 if low[0] > FEASIBILITY else -1
+    return -1
 
 
 @compiled(error_model="numpy", _nrt=False)

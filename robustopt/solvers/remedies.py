@@ -74,6 +74,8 @@ def candidates(problem: TimeScalingProblem, conflict: Collection[str]) -> Iterat
     """
     config, robot = problem.config, problem.robot
     yield from _joint_candidates(robot, conflict)
+    yield from _shrinking("path.start_speed", "", config.path.start_speed, config.path.start_speed)
+    yield from _shrinking("path.end_speed", "", config.path.end_speed, config.path.end_speed)
     systems = [limit.system for limit in problem.limits.contacts if set(limit.names) & set(conflict)]
     touched = [name for system in systems for name in system.contacts]
     if touched:

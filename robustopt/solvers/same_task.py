@@ -8,7 +8,7 @@ from robustopt.scene.placement import solids
 from robustopt.solvers.plan import Plan
 
 
-def require_same_task(config: Config, plan: Plan) -> None:
+def require_same_task(config: Config, plan: Plan, other_limits: bool = False) -> None:
     """Check that a configuration has the robot, path, tray, objects and gravity of a plan.
 
     Frictions, masses and intervals may differ.
@@ -16,6 +16,7 @@ def require_same_task(config: Config, plan: Plan) -> None:
     Args:
         config: the configuration.
         plan: the plan.
+        other_limits: whether `robot.limits` may differ too.
 
     Raises:
         ConfigError: the plan is of another task; the error names the keys that differ.
@@ -23,8 +24,11 @@ def require_same_task(config: Config, plan: Plan) -> None:
     theirs = plan.problem.config
     if config is theirs:
         return
+    robot = config.robot
+    if other_limits:
+        robot = robot.model_copy(update={key: getattr(theirs.robot, key) for key in ("limits", "limits_file")})
     same = {
-        "robot": config.robot == theirs.robot,
+        "robot": robot == theirs.robot,
         "tray": _tray(config) == _tray(theirs),
         "path": config.path == theirs.path,
         "gravity": config.gravity == theirs.gravity,

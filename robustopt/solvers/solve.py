@@ -69,7 +69,7 @@ def solve(problem: TimeScalingProblem, method: str | None = None, jerk: bool = T
         The plan. If there is none, its status and message say why, and its arrays are empty.
 
     Raises:
-        ConfigError: nothing bounds the speed.
+        ConfigError: nothing bounds the speed, or the speed at an end of the path is beyond its limits.
     """
     began = time.perf_counter()
     method = method or problem.config.solver.method
@@ -83,6 +83,7 @@ def solve(problem: TimeScalingProblem, method: str | None = None, jerk: bool = T
     plan = _repeated(problem, method, figures, _outer)
     if plan.status is Status.SOLVED and jerk and np.isfinite(problem.robot.limits.jerk).any():
         _require_bounded(plan)
+        _require_rests(plan)
         plan = _repeated(plan.problem, method, figures, _outer_with_jerk)
     if plan.status is Status.INFEASIBLE and (at_rest := standstill(plan.problem)) >= 0:
         plan = replace(plan, stuck=at_rest)
@@ -97,10 +98,24 @@ def _refused(problem: TimeScalingProblem, method: str) -> Plan | None:
     if method == "reachability" and problem.config.solver.cost != "time" and problem.config.solver.weight > 0:
         message = "reachability minimises time only; use solver.method: ipopt"
         return failed_plan(problem, Status.FAILED, method, message, -1, {})
+    _require_speeds(problem)
     at_rest = standstill(problem)
     if at_rest >= 0:
         return failed_plan(problem, Status.INFEASIBLE, method, outcome(Status.INFEASIBLE, problem), at_rest, {})
     return None
+
+
+def _require_speeds(problem: TimeScalingProblem) -> None:
+    """Check that the speeds at both ends are within the limits of speed."""
+    for end, key in ((0, "path.start_speed"), (-1, "path.end_speed")):
+        most, speed = problem.x_max[end], problem.path.end_speeds[end]
+        if speed**2 > most * (1.0 + ACTIVE_TOLERANCE):
+            rate = float(np.linalg.norm(problem.limits.motion.q1[end]))
+            raise ConfigError(
+                f"found {rate * speed:.6g}; expected at most {rate * np.sqrt(most):.6g}, because of "
+                f"{problem.x_max_names[end]}",
+                key=key,
+            )
 
 
 def _require_bounded(plan: Plan) -> None:
@@ -117,6 +132,13 @@ def _require_bounded(plan: Plan) -> None:
         f"rad/s or m/s; give robot.limits.{joint} a velocity, acceleration or torque",
         key="robot.limits",
     )
+
+
+def _require_rests(plan: Plan) -> None:
+    """Check that a path whose jerk is limited begins and ends at rest."""
+    for key, speed in zip(("start_speed", "end_speed"), plan.problem.path.end_speeds, strict=True):
+        if speed > 0.0:
+            raise ConfigError("not allowed with jerk limits; expected 0", key=f"path.{key}")
 
 
 def _repeated(problem: TimeScalingProblem, method: str, figures: dict[str, float], outer: Outer) -> Plan:

@@ -63,7 +63,8 @@ class Trajectory:
     """A plan as a function of time.
 
     Attributes:
-        times: time at each grid point, shape (P,), [s]; a stop (a doubled grid point) has the same time twice.
+        times: time at each grid point, shape (P,), [s]; a stop (a doubled grid point) has the same time twice unless
+            the robot pauses there.
         s, sd: position and speed along the path at each grid point, shape (P,), [1], [1/s].
         sdd: acceleration at the start of each interval, shape (P-1,), [1/s^2]; 0 on an interval of zero length.
         sddd: constant rate of sdd on each interval, shape (P-1,), [1/s^3]; 0 without jerk limits.
@@ -100,6 +101,7 @@ class Trajectory:
         if plan.steady:
             steps = interval_durations(s, sd)
             sdd, sddd = np.divide(np.diff(sd), steps, out=np.zeros_like(steps), where=steps > 0), np.zeros_like(steps)
+            steps = steps + plan.problem.pauses / speed
         else:
             steps, sdd = plan.steps / speed, plan.u * speed**2
             sddd = np.divide(plan.change * speed**2, steps, out=np.zeros_like(steps), where=steps > 0)
@@ -117,8 +119,8 @@ class Trajectory:
     def sample(self, t: Array | float) -> Samples:
         """Return the states at times t, exact for sdd that is constant or changes at a constant rate on each interval.
 
-        At a jump of sdd the later value holds; at the end, the last one. Before the start and after the end the robot
-        holds the first and the last position with sd = sdd = 0.
+        At a jump of sdd the later value holds; at the end, the last one. Before the start and after the end, the first
+        and the last position hold with sd = sdd = 0.
 
         Args:
             t: times from the start, shape (T,) or one number, [s].
@@ -145,7 +147,7 @@ class Trajectory:
         """
         following = np.append(self.sdd, 0.0)
         before = np.insert(self.sdd + self.sddd * np.diff(self.times), 0, 0.0)
-        moves = np.append(np.diff(self.times) > 0, False)
+        moves = np.append(np.diff(self.s) > ZERO_LENGTH, False)
         sdd = np.where(moves, following, before)
         return joint_motion(self.path, self.piece, self.times, self.s, self.sd, sdd)
 
