@@ -410,7 +410,7 @@ def test_a_bridge_with_intervals_holds_at_random_corners_of_the_box(method: str)
 
 
 @pytest.mark.parametrize("method", ["reachability", pytest.param("ipopt", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("name", ["two_blocks", "side_by_side"])
+@pytest.mark.parametrize("name", ["two_blocks", pytest.param("side_by_side", marks=pytest.mark.slow)])
 def test_facets_and_inner_programs_lead_to_the_same_plan(
     name: str, method: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -466,7 +466,7 @@ WIDE = (
 )
 
 
-@pytest.mark.parametrize("with_facets", [True, False])
+@pytest.mark.parametrize("with_facets", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_no_facet_is_overlooked_where_another_dual_and_its_worst_parameters_agree(
     with_facets: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -505,7 +505,7 @@ def test_an_interruption_keeps_the_chunks_that_were_done(slide):
     assert all(map(_same, executions.outcomes, execute(plan, config, trials=25).outcomes))
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_an_interruption_after_the_last_chunk_still_counts(slide, workers):
     config, plan = slide
 
@@ -546,6 +546,7 @@ def test_a_worker_that_dies_loses_no_trial_and_changes_no_number(slide, tmp_path
     assert all(map(_same, outcomes, expected))
 
 
+@pytest.mark.slow
 def test_workers_that_die_again_and_again_are_an_error(slide, monkeypatch):
     monkeypatch.setattr(monte_carlo, "cores", lambda: 2)
     monkeypatch.setattr(monte_carlo, "run_trials", _always_dies)

@@ -26,6 +26,8 @@ from robustopt.simulation.video import HEIGHT, STRIP, WIDTH, write_film
 from robustopt.solvers import solve
 
 SHIPPED = sorted(CONFIGS.glob("*.yaml"))
+LONG = ("humanoid_rail", "humanoid_tray", "waiter_side_by_side")
+"""Configurations whose trials take several seconds."""
 WAITER = CONFIGS / "waiter_one_block.yaml"
 QUICK = ("solver.method=reachability", "solver.collocation_points=80", "uncertainty={}", "--no-figures")
 TRUTH = (
@@ -86,6 +88,7 @@ def test_the_figures_show_a_failing_trial_beside_a_succeeding_one(run, tmp_path)
         assert (tmp_path / "a" / "figures" / name).read_bytes() == (tmp_path / "b" / "figures" / name).read_bytes()
 
 
+@pytest.mark.slow
 def test_a_video_is_a_film_and_a_strip_of_both_trials(tmp_path, stored):
     """In a process of its own, because MuJoCo chooses how it draws when it is imported."""
     command = [
@@ -164,7 +167,10 @@ def test_the_file_has_the_outcomes_number_for_number(run, tmp_path):
         assert row["t"] == ("" if outcome.success else repr(outcome.time))
 
 
-@pytest.mark.parametrize("file", SHIPPED, ids=[file.stem for file in SHIPPED])
+@pytest.mark.parametrize(
+    "file",
+    [pytest.param(file, id=file.stem, marks=pytest.mark.slow if file.stem in LONG else ()) for file in SHIPPED],
+)
 def test_every_shipped_configuration_executes(run, tmp_path, file):
     config = load_config(file)
     if config.robot.model.startswith("package://") and resolve_package(config.robot.model) is None:

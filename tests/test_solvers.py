@@ -151,7 +151,9 @@ FINER = [pytest.param(n, marks=[] if n < 500 else pytest.mark.slow) for n in (50
 
 
 @pytest.mark.parametrize("points", FINER)
-@pytest.mark.parametrize("name", WAITERS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow if name == "side_by_side" else ()) for name in WAITERS]
+)
 def test_both_solvers_and_toppra_have_one_optimum(name: str, points: int) -> None:
     """At 50 intervals greedy passes are up to 0.07 % slower than the optimum; from 200 on all agree."""
     fast, exact = solved(name, points, "reachability"), solved(name, points, "ipopt")

@@ -317,6 +317,7 @@ def _with_limits(plan: Plan, torque: float) -> Plan:
 # Certificate ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_plan_passes_its_certificate_tightly(problem: TimeScalingProblem) -> None:
     for values in ({}, UNCERTAIN):
         uncertain = believing(problem, values | {"solver.collocation_points": 200})
