@@ -83,8 +83,10 @@ def contacts_figure(plan: Plan, title: str) -> Figure:
 
 
 def _draw(axes: Axes, t: Array, group: dict[str, Array], colours: Sequence[str]) -> None:
-    dashes = cycle(DASHES)
+    """Draw lines over the times of both ends of the intervals (2 M,), with gaps where the robot pauses."""
+    dashes, pauses = cycle(DASHES), 2 * np.flatnonzero(np.diff(t)[1::2] > 0.0) + 2
+    t = np.insert(t, pauses, np.nan)
     for colour, (name, used) in zip(colours, group.items(), strict=True):
         style = next(dashes) if colour in (GREY, DARK_GREY) else "-"
         label = f"{name}, up to {100 * np.nanmax(used):.1f} %"
-        axes.plot(t, np.repeat(used, 2), color=colour, linestyle=style, label=label)
+        axes.plot(t, np.insert(np.repeat(used, 2), pauses, np.nan), color=colour, linestyle=style, label=label)
