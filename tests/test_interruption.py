@@ -113,6 +113,19 @@ def test_an_interruption_while_a_command_ends_leaves_no_traceback(number):
     assert (done.returncode, done.stderr) == (-number, "")
 
 
+def test_an_interruption_of_the_first_imports_is_told_in_one_line():
+    code = (
+        "import sys\n"
+        "class Interrupted:\n"
+        "    def find_spec(self, name, *_):\n"
+        "        if name == 'typer': raise KeyboardInterrupt\n"
+        "sys.meta_path.insert(0, Interrupted())\n"
+        "from robustopt.cli import main; main()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (130, "error: interrupted; no incomplete files are left\n")
+
+
 def test_a_command_calls_the_exit_functions_of_libraries_and_then_ends_at_once():
     """A library may have a temporary folder to remove; none may complain of modules that are gone."""
     code = (

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from robustopt import __version__
+from robustopt.cli import NOTHING_KEPT
 from robustopt.cli.commands import (
     ExecutionOptions,
     LearningOptions,
@@ -47,8 +48,6 @@ from robustopt.processes import end_processes
 
 if TYPE_CHECKING:
     from robustopt.config import Config
-
-_INTERRUPTED = "interrupted; no incomplete files are left"
 
 app = typer.Typer(
     rich_markup_mode=None,
@@ -314,12 +313,12 @@ def run(arguments: Sequence[str]) -> int:
     try:
         code = app(list(arguments), prog_name="robustopt", standalone_mode=False) or 0
         _flush_output()
-        return fail("Interrupted", _INTERRUPTED, code, json) if _nothing_kept(code) else int(code)
+        return fail("Interrupted", NOTHING_KEPT, code, json) if _nothing_kept(code) else int(code)
     except (KeyboardInterrupt, typer.Abort):
-        return fail("Interrupted", _INTERRUPTED, INTERRUPTED, json)
+        return fail("Interrupted", NOTHING_KEPT, INTERRUPTED, json)
     except Exception as error:
         if interruptions:  # an extension module whose import or call is interrupted raises something else
-            return fail("Interrupted", _INTERRUPTED, INTERRUPTED, json)
+            return fail("Interrupted", NOTHING_KEPT, INTERRUPTED, json)
         return _told(error, json)
 
 
