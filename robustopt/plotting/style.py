@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from robustopt.arrays import Flags
 from robustopt.files import written
-from robustopt.solvers.trajectory import NO_LIMIT
+from robustopt.solvers.trajectory import NO_LIMIT, PAUSE
 
 BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY, INDIGO, WINE = (
     "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#332288", "#882255",
@@ -66,9 +66,9 @@ def limit_colours(shares: Mapping[str, float]) -> dict[str, str]:
     Returns:
         Colour by limit, `OTHER` included.
     """
-    names = [name for name in shares if name != NO_LIMIT]
+    names = [name for name in shares if name not in (NO_LIMIT, PAUSE)]
     own = dict(zip(names, LIMIT_COLOURS, strict=False))
-    return {**own, **dict.fromkeys(names[len(own) :], GREY), OTHER: GREY, NO_LIMIT: DARK_GREY}
+    return {**own, **dict.fromkeys(names[len(own) :], GREY), OTHER: GREY, NO_LIMIT: DARK_GREY, PAUSE: DARK_GREY}
 
 
 def joint_unit(unit: str, hinges: Flags) -> str:

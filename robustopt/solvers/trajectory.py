@@ -26,6 +26,9 @@ Array = NDArray[np.float64]
 NO_LIMIT = "no limit"
 """Name under which `binding_shares` counts the time in which no limit binds."""
 
+PAUSE = "pause"
+"""Name under which it counts the time of pauses."""
+
 ZERO_LENGTH = 1e-13
 """An interval of s shorter than this is a stop, a doubled grid point: s lies in [0, 1], so two equal numbers differ by
 less after rounding (our choice)."""
@@ -239,8 +242,8 @@ def require_period(duration: float, period: float) -> None:
 def binding_shares(plan: Plan) -> dict[str, float]:
     """Return the share of the duration in which each limit binds, by name, largest first; the shares sum to 1.
 
-    Limits that bind on the same interval share its time equally; time in which none binds counts as `NO_LIMIT`. Equal
-    shares are in alphabetical order.
+    Limits that bind on the same interval share its time equally; time in which none binds counts as `NO_LIMIT`, and
+    pauses as `PAUSE`. Equal shares are in alphabetical order.
 
     Args:
         plan: a plan with a timing.
@@ -249,8 +252,9 @@ def binding_shares(plan: Plan) -> dict[str, float]:
         Infeasible: the plan is empty.
     """
     times: dict[str, float] = {}
-    for step, names in zip(np.diff(Trajectory.from_plan(plan).times).tolist(), plan.active, strict=True):
-        for name in names or (NO_LIMIT,):
+    steps, pauses = np.diff(Trajectory.from_plan(plan).times), plan.problem.pauses > 0.0
+    for step, pauses_here, names in zip(steps.tolist(), pauses.tolist(), plan.active, strict=True):
+        for name in (PAUSE,) if pauses_here else names or (NO_LIMIT,):
             if step > 0:
                 times[name] = times.get(name, 0.0) + step / max(len(names), 1)
     total = sum(times.values())
