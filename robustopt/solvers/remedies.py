@@ -20,7 +20,7 @@ MOST_FRICTION = 10.0
 """Largest coefficient of friction that is tried: more than any dry contact has (our choice)."""
 
 MOST_JOINT_LIMIT = 100.0
-"""Largest factor by which the limit of a joint is raised (our choice)."""
+"""Largest factor by which the limit of a joint or a point is raised (our choice)."""
 
 MOST_FORCE = 100.0
 """Largest factor by which the force of a tool is raised (our choice)."""
@@ -74,6 +74,10 @@ def candidates(problem: TimeScalingProblem, conflict: Collection[str]) -> Iterat
     """
     config, robot = problem.config, problem.robot
     yield from _joint_candidates(robot, conflict)
+    for point in problem.limits.points:
+        if point.names[0] in conflict:
+            key, limit = f"robot.cartesian_limits.{point.names[0].subject}.acceleration", point.motion.point.acceleration
+            yield Candidate(key, limit, MOST_JOINT_LIMIT * limit, _written_at(key))
     systems = [limit.system for limit in problem.limits.contacts if set(limit.names) & set(conflict)]
     touched = [name for system in systems for name in system.contacts]
     if touched:
