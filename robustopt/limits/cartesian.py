@@ -6,9 +6,10 @@ both ends of an interval are lowered together until the limit holds on all of it
 spacing.
 
 The norm |p' u + p'' x| <= a is an ellipse in (u, x), since the acceleration lies in the plane of p' and p''. Its rows
-are the chords of an inscribed polygon with vertices in the directions along and across the path. So they are never
-beyond the limit, and exact for purely tangential and purely centripetal acceleration (our choice). An acceleration
-error e of the joints adds J e, of which no direction is known: the limit is reduced by a bound of its norm.
+are the chords of an inscribed polygon with vertices along and across the path. So they are never beyond the limit, and
+exact for purely tangential and for purely centripetal acceleration (our choice). An acceleration error e of the joints
+adds J e. The chords count with its largest component across each of them; of its component out of the plane, the
+largest value w takes its part of the limit, sqrt(a^2 - w^2).
 """
 
 from __future__ import annotations
@@ -39,19 +40,17 @@ class PointAcceleration:
     """The limit of the acceleration of a point; see the head of the module.
 
     Attributes:
-        motion: motion of the point.
-        error: bound of the norm of its acceleration error (P,) [m/s^2].
-        rows: rows a u + b x + c <= 0 as fractions of the limit (P, CHORDS / 2, 3).
+        point: the point.
+        rows: rows a u + b x + c <= 0 as fractions of the limit (P, CHORDS, 3).
     """
 
-    motion: PointMotion
-    error: Array
+    point: LimitedPoint
     rows: Array
 
     @property
     def names(self) -> tuple[LimitName, ...]:
         """Return the name of the limit."""
-        return (LimitName(LimitKind.CARTESIAN_ACCELERATION, self.motion.point.name),)
+        return (LimitName(LimitKind.CARTESIAN_ACCELERATION, self.point.name),)
 
     def cut(self, polygons: Polygons, index: Indices, used: Flags) -> Polygons:
         """Return the feasible polygons, cut with the chords; see `Limit`.
@@ -61,19 +60,18 @@ class PointAcceleration:
             index: number of the name in the problem (1,).
             used: whether the limit counts (1,).
         """
-        return cut_affine(polygons, self.rows, np.repeat(index, self.rows.shape[1])) if used[0] else polygons
+        return cut_affine(polygons, self.rows, np.repeat(index, CHORDS)) if used[0] else polygons
 
     def excess(self, u: Array, x: Array, points: Indices) -> Array:
-        """Return the excess of the exact norm over the limit as a fraction of it, (M, 1); see `Limit`.
+        """Return the largest value of the rows, (M, 1): at most 0.03 % above the excess over the limit; see `Limit`.
 
         Args:
             u: sdd (M,).
             x: sd^2 (M,).
             points: grid point of each (M,).
         """
-        own = self.motion
-        norm = np.linalg.norm(own.first[points] * u[:, None] + own.second[points] * x[:, None], axis=1)
-        return ((norm + self.error[points]) / own.point.acceleration - 1.0)[:, None]
+        a, b, c = np.moveaxis(self.rows[points], 2, 0)
+        return np.asarray((a * u[:, None] + b * x[:, None] + c).max(axis=1, keepdims=True))
 
 
 def point_acceleration(motion: PointMotion, middle: Array, radius: Array) -> PointAcceleration:
@@ -84,19 +82,21 @@ def point_acceleration(motion: PointMotion, middle: Array, radius: Array) -> Poi
         middle: middle of the acceleration error (n,) [rad/s^2 or m/s^2].
         radius: half of its width (n,).
     """
-    limit = motion.point.acceleration
-    error = np.linalg.norm(motion.jacobian @ middle, axis=1) + np.linalg.norm(motion.jacobian, axis=1) @ radius
-    rate = np.linalg.norm(motion.first, axis=1)
-    along = np.divide(motion.first, rate[:, None], out=np.zeros_like(motion.first), where=rate[:, None] > 0.0)
-    forward = np.sum(motion.second * along, axis=1)
-    sideways = np.linalg.norm(motion.second - forward[:, None] * along, axis=1)
-    angle = (np.arange(CHORDS // 2) + 0.5) * 2.0 * np.pi / CHORDS  # x >= 0: no acceleration away from the curve
-    inner = limit * np.cos(np.pi / CHORDS)
-    rows = np.empty((len(rate), len(angle), 3))
-    rows[:, :, 0] = rate[:, None] * np.cos(angle) / inner
-    rows[:, :, 1] = (forward[:, None] * np.cos(angle) + sideways[:, None] * np.sin(angle)) / inner
-    rows[:, :, 2] = (error / limit - 1.0)[:, None]
-    return PointAcceleration(motion, error, rows)
+    limit, part = motion.point.acceleration, float(np.cos(np.pi / CHORDS))
+    plane, within = np.linalg.qr(np.stack([motion.first, motion.second], axis=2))  # axes in the plane of p' and p''
+    normal = np.cross(plane[:, :, 0], plane[:, :, 1])
+    angle = (np.arange(CHORDS) + 0.5) * 2.0 * np.pi / CHORDS
+    directions = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    erring = np.flatnonzero((middle != 0.0) | (radius != 0.0))
+    jacobian, middle, radius = motion.jacobian[:, :, erring], middle[erring], radius[erring]
+    across = directions @ (np.swapaxes(plane, 1, 2) @ jacobian)
+    out = np.einsum("pi,pin->pn", normal, jacobian)
+    lost = np.abs(out @ middle) + np.abs(out) @ radius
+    left = np.sqrt(np.maximum(limit**2 - lost**2, 0.0)) - np.maximum(lost - limit, 0.0)
+    rows = np.empty((len(normal), CHORDS, 3))
+    rows[:, :, :2] = directions @ within
+    rows[:, :, 2] = across @ middle + np.abs(across) @ radius - part * left[:, None]
+    return PointAcceleration(motion.point, rows / (part * limit))
 
 
 def speed_names(robot: Robot) -> tuple[LimitName, ...]:

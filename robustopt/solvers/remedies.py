@@ -74,9 +74,9 @@ def candidates(problem: TimeScalingProblem, conflict: Collection[str]) -> Iterat
     """
     config, robot = problem.config, problem.robot
     yield from _joint_candidates(robot, conflict)
-    for point in problem.limits.points:
-        if point.names[0] in conflict:
-            key, limit = f"robot.cartesian_limits.{point.names[0].subject}.acceleration", point.motion.point.acceleration
+    for limited in problem.limits.points:
+        if limited.names[0] in conflict:
+            key, limit = f"robot.cartesian_limits.{limited.point.name}.acceleration", limited.point.acceleration
             yield Candidate(key, limit, MOST_JOINT_LIMIT * limit, _written_at(key))
     systems = [limit.system for limit in problem.limits.contacts if set(limit.names) & set(conflict)]
     touched = [name for system in systems for name in system.contacts]
