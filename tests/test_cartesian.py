@@ -114,6 +114,7 @@ def test_jerk_limited_plans_keep_cartesian_limits() -> None:
     plan = plan_of(config)
     certificate = certify(plan)
     assert certificate.passed, certificate.sentence
+    assert all(0.0 <= certificate.margins[name].between <= 1e-3 for name in certificate.margins if name == SPEED)
     assert set(binding_shares(plan)) >= {SPEED, ACCELERATION}
 
 

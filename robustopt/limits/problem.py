@@ -15,7 +15,13 @@ import numpy as np
 
 from robustopt.arrays import Array, Flags, Indices
 from robustopt.config import Config
-from robustopt.limits.cartesian import PointAcceleration, point_acceleration, speed_names
+from robustopt.limits.cartesian import (
+    PointAcceleration,
+    SpeedBetween,
+    point_acceleration,
+    speed_between,
+    speed_names,
+)
 from robustopt.limits.contact_limit import ContactLimit
 from robustopt.limits.contacts import contact_limits, torque_limit
 from robustopt.limits.laws import ContactLaw
@@ -43,6 +49,7 @@ class Limits:
         others: limits that a user has added.
         laws: contact laws that a user has given, by the name of the contact.
         points: limits of the acceleration of points.
+        speeds: limits of the speed of points between grid points, with jerk limits.
     """
 
     track: Track
@@ -52,6 +59,7 @@ class Limits:
     others: tuple[Limit, ...] = ()
     laws: Mapping[str, ContactLaw] = field(default_factory=dict)
     points: tuple[PointAcceleration, ...] = ()
+    speeds: tuple[SpeedBetween, ...] = ()
 
     @property
     def motion(self) -> PathMotion:
@@ -73,7 +81,7 @@ class Limits:
     @property
     def cutting(self) -> tuple[Limit, ...]:
         """Return the limits that cut the polygons of the joint limits, in their order."""
-        return (*self.points, *self.contacts, self.torque, *self.others)
+        return (*self.speeds, *self.points, *self.contacts, self.torque, *self.others)
 
     def index(self, limit: Limit) -> Indices:
         """Return the number of each name of a limit among the names of all limits.
@@ -265,7 +273,8 @@ def rows_along(
     limited = [motion for motion in track.points if np.isfinite(motion.point.acceleration)]
     points = tuple(point_acceleration(motion, *uncertainty.error.arrays) for motion in limited)
     others = tuple(factory(track) for factory in limits)
-    every = Limits(track, uncertainty, contacts, torque, others, laws or {}, points)
+    speeds = speed_between(track.robot, track.s, track.x_max, track.slowest)
+    every = Limits(track, uncertainty, contacts, torque, others, laws or {}, points, speeds)
     empty = np.zeros((len(track.s), 0))
     bare = TimeScalingProblem(
         config, track.robot, track.path, track.s, track.piece, track.rest, empty, empty, empty, (),
