@@ -10,7 +10,7 @@ import numpy as np
 
 from robustopt.config import Config
 from robustopt.config.per_name import value_of
-from robustopt.limits import TimeScalingProblem
+from robustopt.limits import LimitKind, LimitName, TimeScalingProblem
 from robustopt.limits.systems import carried
 from robustopt.limits.uncertainty import friction
 from robustopt.robot import Robot
@@ -74,10 +74,6 @@ def candidates(problem: TimeScalingProblem, conflict: Collection[str]) -> Iterat
     """
     config, robot = problem.config, problem.robot
     yield from _joint_candidates(robot, conflict)
-    for limited in problem.limits.points:
-        if limited.names[0] in conflict:
-            key, limit = f"robot.cartesian_limits.{limited.point.name}.acceleration", limited.point.acceleration
-            yield Candidate(key, limit, MOST_JOINT_LIMIT * limit, _written_at(key))
     systems = [limit.system for limit in problem.limits.contacts if set(limit.names) & set(conflict)]
     touched = [name for system in systems for name in system.contacts]
     if touched:
@@ -98,6 +94,10 @@ def _joint_candidates(robot: Robot, conflict: Collection[str]) -> Iterator[Candi
             if f"{joint} {quantity}" in conflict:
                 key, limit = f"robot.limits.{joint}.{quantity}", float(limits[j])
                 yield Candidate(key, limit, MOST_JOINT_LIMIT * limit, _written_at(key))
+    for point in robot.points:
+        if LimitName(LimitKind.CARTESIAN_ACCELERATION, point.name) in conflict:
+            key = f"robot.cartesian_limits.{point.name}.acceleration"
+            yield Candidate(key, point.acceleration, MOST_JOINT_LIMIT * point.acceleration, _written_at(key))
 
 
 def _written_at(key: str) -> Callable[[Config, float], dict[str, Any]]:
