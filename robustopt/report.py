@@ -48,7 +48,7 @@ UNBOUNDED = 10_000
 
 FIGURES = (
     "learning.svg", "trials.svg", "foot_contacts.svg", "phase_plane.svg", "feet.svg", "footprints.svg", "contacts.svg",
-    "joints*.svg", "accelerations.svg",
+    "cartesian.svg", "joints*.svg", "accelerations.svg",
 )  # fmt: skip
 """Figures of the page in their order; the binding limits are in a table already."""
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from robustopt.certificate import names
+from robustopt.certificate.cartesian import bodies_of, check_cartesian
 from robustopt.certificate.joints import KnownTorques, check_jerk, check_kinematics, check_torque
 from robustopt.certificate.motion import Instants, instants, interval_times, motion, stances
 from robustopt.certificate.places import check_places
@@ -227,11 +228,12 @@ def _check(
     plan: Plan, task: Task, world: World, at: Instants, how: Level, rng: np.random.Generator, tally: Tally
 ) -> int:
     """Check all limits, and return the number of random samples."""
-    moving, joints = motion(task, at, world.links)
+    moving, joints = motion(task, at, dict.fromkeys((*world.links, *bodies_of(task.config))))
     robot, count = task.robot, len(at.s)
     limits = task.limits.torque[robot.motors]
     check_kinematics(world, joints, at.free, task.limits, tally)
     check_jerk(plan, task, at, tally)
+    check_cartesian(world, task, moving, at, tally)
     check_places(task, at, tally)
     starts = [world.nominal.repeated(count)]
     starts += [world.sample(rng, count, corners=True) for _ in range(how.starts if world.uncertain else 0)]

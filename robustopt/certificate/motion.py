@@ -8,7 +8,7 @@ standstills, the two ends and inner stops of the path, there is one more instant
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
@@ -242,7 +242,7 @@ class Joints(Series):
         )
 
 
-def motion(task: Task, at: Instants, links: Sequence[str] = ()) -> tuple[Motion, Joints]:
+def motion(task: Task, at: Instants, links: Iterable[str] = ()) -> tuple[Motion, Joints]:
     """Return the motion along a path at some instants.
 
     Args:

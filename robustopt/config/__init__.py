@@ -8,7 +8,7 @@ from robustopt.config.execution_model import (
     VariationConfig,
 )
 from robustopt.config.learning_model import FirstBelief, LearningConfig
-from robustopt.config.model import BASE_COORDINATES, FEET, HANDS, ROBOT_SOURCES, Config, UncertaintyConfig
+from robustopt.config.model import BASE_COORDINATES, FEET, HANDS, ROBOT_SOURCES, TOOL, Config, UncertaintyConfig
 from robustopt.config.object_model import GripConfig, ObjectConfig, SuctionConfig, TrayConfig
 from robustopt.config.path_model import FramePose, PathConfig, PathTolerance, RailConfig, StanceConfig
 from robustopt.config.section import AccelerationError, Pose
@@ -18,6 +18,7 @@ __all__ = [
     "FEET",
     "HANDS",
     "ROBOT_SOURCES",
+    "TOOL",
     "AccelerationError",
     "Config",
     "DisturbanceConfig",

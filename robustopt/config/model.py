@@ -67,6 +67,19 @@ class JointLimitOverride(Section):
     )
 
 
+TOOL = "tool"
+"""Name of the tool frame in `robot.cartesian_limits`."""
+
+
+class CartesianLimit(Section):
+    """Limits of the origin of a frame in the world."""
+
+    speed: Limit | None = Field(default=None, description="largest speed; none by default, or `.inf` [m/s]")
+    acceleration: Limit | None = Field(
+        default=None, description="largest acceleration; none by default, or `.inf` [m/s^2]"
+    )
+
+
 class Collision(Section):
     """Collision check along the path."""
 
@@ -107,6 +120,11 @@ class RobotConfig(Section):
         default={},
         description="joint limits by joint name, which replace those of the model; the name `all` applies to every "
         "joint",
+    )
+    cartesian_limits: dict[str, CartesianLimit] | None = Field(
+        default=None,
+        description="limits of the speed and acceleration of points in the world: of the origin of the tool frame, by "
+        "the name `tool`, or of that of a body of the model, by the name of the body",
     )
     limits_file: str | None = Field(
         default=None,

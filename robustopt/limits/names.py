@@ -15,6 +15,8 @@ class LimitKind(StrEnum):
     ACCELERATION = "acceleration"
     TORQUE = "torque"
     JERK = "jerk"
+    CARTESIAN_SPEED = "Cartesian speed"
+    CARTESIAN_ACCELERATION = "Cartesian acceleration"
     SLIP = "slip"
     TIPPING = "tipping"
     PEEL = "peel"

@@ -15,6 +15,13 @@ import numpy as np
 
 from robustopt.arrays import Array, Flags, Indices
 from robustopt.config import Config
+from robustopt.limits.cartesian import (
+    PointAcceleration,
+    SpeedBetween,
+    point_acceleration,
+    speed_between,
+    speed_names,
+)
 from robustopt.limits.contact_limit import ContactLimit
 from robustopt.limits.contacts import contact_limits, torque_limit
 from robustopt.limits.laws import ContactLaw
@@ -41,6 +48,8 @@ class Limits:
         torque: limits of the joint torques.
         others: limits that a user has added.
         laws: contact laws that a user has given, by the name of the contact.
+        points: limits of the acceleration of points.
+        speeds: limits of the speed of points between grid points, with jerk limits.
     """
 
     track: Track
@@ -49,6 +58,8 @@ class Limits:
     torque: TorqueLimit
     others: tuple[Limit, ...] = ()
     laws: Mapping[str, ContactLaw] = field(default_factory=dict)
+    points: tuple[PointAcceleration, ...] = ()
+    speeds: tuple[SpeedBetween, ...] = ()
 
     @property
     def motion(self) -> PathMotion:
@@ -57,20 +68,20 @@ class Limits:
 
     @property
     def x_max(self) -> Array:
-        """Return the largest x that the joint velocities allow (P,)."""
+        """Return the largest x that the velocities of joints and the speeds of points allow (P,)."""
         return self.track.x_max
 
     @cached_property
     def names(self) -> tuple[LimitName, ...]:
-        """Return the names of all limits: velocity, acceleration and torque of each joint, contacts, others."""
+        """Return the names of all limits: velocity, acceleration and torque of each joint, points, contacts, others."""
         kinds = (LimitKind.VELOCITY, LimitKind.ACCELERATION, LimitKind.TORQUE)
-        names = [name for kind in kinds for name in self.track.names(kind)]
+        names = [name for kind in kinds for name in self.track.names(kind)] + [*speed_names(self.track.robot)]
         return tuple(dict.fromkeys([*names, *(name for limit in self.cutting for name in limit.names)]))
 
     @property
     def cutting(self) -> tuple[Limit, ...]:
         """Return the limits that cut the polygons of the joint limits, in their order."""
-        return (*self.contacts, self.torque, *self.others)
+        return (*self.speeds, *self.points, *self.contacts, self.torque, *self.others)
 
     def index(self, limit: Limit) -> Indices:
         """Return the number of each name of a limit among the names of all limits.
@@ -84,7 +95,7 @@ class Limits:
         """Return the polygons of the joint velocity and joint acceleration limits.
 
         Args:
-            counts: whether each limit in `names` counts; velocity limits always do.
+            counts: whether each limit in `names` counts; limits of velocity and speed always do.
         """
         track, error, n = self.track, self.uncertainty.error, self.track.robot.n
         joint = np.tile(np.arange(n), 2)
@@ -111,7 +122,7 @@ class TimeScalingProblem:
         c: constants (P, m).
         row_names: name of each column (m,).
         x_max: largest x, 0 at rest (P,).
-        x_max_names: the velocity limit that bounds x (P,).
+        x_max_names: the limit of velocity or Cartesian speed that bounds x (P,).
         feasible: whether any (u, x) satisfies the rows of the grid point (P,).
         limits: the limits, from which the rows are made.
         kept: names of the limits that count, None for all.
@@ -213,7 +224,7 @@ class TimeScalingProblem:
         return self.with_torque(self.limits.torque.with_reference(reference))
 
     def only(self, names: Collection[str]) -> TimeScalingProblem:
-        """Return the same problem with some of its limits; joint velocity limits always stay.
+        """Return the same problem with some of its limits; those of joint velocity and Cartesian speed always stay.
 
         Args:
             names: names of the limits to keep.
@@ -273,12 +284,15 @@ def rows_along(
     uncertainty = uncertainty_of(config, track.robot.n, track.robot.base)
     contacts = contact_limits(config, track, uncertainty, laws)
     torque = torque_limit(track, uncertainty, contacts)
-    every = Limits(track, uncertainty, contacts, torque, tuple(factory(track) for factory in limits), laws or {})
-    points = len(track.s)
-    empty = np.zeros((points, 0))
+    limited = [motion for motion in track.points if np.isfinite(motion.point.acceleration)]
+    points = tuple(point_acceleration(motion, *uncertainty.error.arrays) for motion in limited)
+    others = tuple(factory(track) for factory in limits)
+    speeds = speed_between(track.robot, track.s, track.x_max, track.slowest)
+    every = Limits(track, uncertainty, contacts, torque, others, laws or {}, points, speeds)
+    empty = np.zeros((len(track.s), 0))
     bare = TimeScalingProblem(
         config, track.robot, track.path, track.s, track.piece, track.rest, empty, empty, empty, (),
-        np.where(track.rest, 0.0, track.x_max), track.velocity_names, np.ones(points, dtype=bool), every,
+        np.where(track.rest, 0.0, track.x_max), track.velocity_names, np.ones(len(track.s), dtype=bool), every,
     )  # fmt: skip
     return _with_rows(bare)
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from robustopt.arrays import Array, Flags, Indices
 from robustopt.limits.bodies import Body
+from robustopt.limits.cartesian import bound_speeds, speed_names
 from robustopt.limits.generalised_force import generalised_force
 from robustopt.limits.grid import Grid
 from robustopt.limits.motion import PathMotion, path_motion
@@ -26,7 +27,7 @@ from robustopt.limits.turning import carrier_rates
 from robustopt.limits.uncertainty import AccelerationError, Uncertainty
 from robustopt.limits.wrenches import BodyWrenches, body_loads, body_wrenches, no_wrench
 from robustopt.path import Path
-from robustopt.robot import JointLimits, Robot
+from robustopt.robot import JointLimits, PointMotion, Robot
 
 Value = TypeVar("Value")
 
@@ -53,9 +54,11 @@ class Track:
         grid: the grid.
         rest: whether the robot must stand still (P,).
         motion: motion along the path.
-        x_max: largest x that the joint velocities allow (P,).
-        fastest: the joint that bounds it (P,).
+        x_max: largest x that the velocities of the joints and the speeds of the limited points allow (P,).
+        fastest: the joint that comes nearest to its velocity limit (P,).
         rates: rates of the carrier frame, see `turning.carrier_rates`.
+        slowest: index of the point whose speed bounds x, in the order of `speed_names`; -1 if `fastest` does (P,).
+        points: motion of the limited points.
     """
 
     robot: Robot
@@ -66,6 +69,8 @@ class Track:
     x_max: Array
     fastest: Indices
     rates: Array
+    slowest: Indices
+    points: tuple[PointMotion, ...]
     _kept: dict[str, dict[Hashable, Any]] = field(default_factory=dict, repr=False)
     _lock: Lock = field(default_factory=Lock, repr=False)
 
@@ -89,9 +94,9 @@ class Track:
 
     @cached_property
     def velocity_names(self) -> tuple[LimitName, ...]:
-        """Return the names of the velocity limits that bound x, (P,)."""
-        names = self.names(LimitKind.VELOCITY)
-        return tuple(names[k] for k in self.fastest)
+        """Return the names of the limits of velocity or Cartesian speed that bound x, (P,)."""
+        joints, points = self.names(LimitKind.VELOCITY), speed_names(self.robot)
+        return tuple(joints[j] if k < 0 else points[k] for j, k in zip(self.fastest, self.slowest, strict=True))
 
     @cached_property
     def u_max(self) -> Array:
@@ -200,7 +205,10 @@ def build_track(robot: Robot, path: Path, grid: Grid) -> Track:
     q, q1, q2 = (path.evaluate(grid.s, grid.piece, order) for order in (0, 1, 2))
     motion = path_motion(robot, q, q1, q2)
     rates = carrier_rates(robot, path)
-    return Track(robot, path, grid, rest, motion, *_velocity_bound(q1, robot.limits.velocity), rates)
+    x_max, fastest = _velocity_bound(q1, robot.limits.velocity)
+    x_max, slowest = bound_speeds(robot, path, grid, x_max)
+    points = tuple(robot.point_motion(point, q, q1, q2) for point in robot.points)
+    return Track(robot, path, grid, rest, motion, x_max, fastest, rates, slowest, points)
 
 
 def _acceleration_rows(motion: PathMotion, limits: JointLimits, middle: Array, radius: Array) -> Array:

@@ -8,6 +8,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from robustopt.config import Config
+from robustopt.plotting.cartesian import cartesian_figure
 from robustopt.plotting.contact_forces import footprints_figure, forces_figure
 from robustopt.plotting.executions import accelerations_figure, contact_trials_figure, trials_figure
 from robustopt.plotting.joints import joint_figures
@@ -93,10 +94,12 @@ def figures(plan: Plan, config: Config) -> dict[str, Figure]:
         return {"phase_plane": phase_plane(plan, f"{config.name}: no timing found")}
     title = f"{config.name}: {plan.duration:.3f} s"
     joints = joint_figures(plan, title)
+    cartesian = {"cartesian": cartesian_figure(plan, title)} if plan.problem.robot.points else {}
     numbers = [""] if len(joints) == 1 else [f"_{k + 1}" for k in range(len(joints))]
     return {
         "phase_plane": phase_plane(plan, title),
         **{f"joints{number}": figure for number, figure in zip(numbers, joints, strict=True)},
+        **cartesian,
         **_contact_figures(plan, title),
         "binding": shares_figure(binding_shares(plan), title),
     }

@@ -147,18 +147,23 @@ def _figure(plan: Plan, times: Array, quantities: list[Quantity], joints: Sequen
     names, hinges = plan.problem.robot.joint_names, plan.problem.robot.hinges[list(joints)]
     for row, quantity in enumerate(quantities):
         for column, joint in enumerate(joints):
-            _draw(axes[row, column], times, quantity, joint, _binding(plan, f"{names[joint]} {quantity.name}"))
+            _draw(axes[row, column], times, quantity, joint, binding(plan, f"{names[joint]} {quantity.name}"))
         axes[row, 0].set_ylabel(f"{quantity.name} [{joint_unit(UNITS[quantity.name], hinges)}]")
     for column, joint in enumerate(joints):
         axes[0, column].set_title(names[joint], loc="center")
         axes[-1, column].set_xlabel("time [s]")
     figure.suptitle(title, x=0.01, ha="left")
-    _draw_legend(figure, shrunk=any(quantity.shrunk_limits(joint) for quantity in quantities for joint in joints))
+    draw_legend(figure, shrunk=any(quantity.shrunk_limits(joint) for quantity in quantities for joint in joints))
     return figure
 
 
-def _draw_legend(figure: Figure, shrunk: bool) -> None:
-    """Draw the legend as one line below the axes."""
+def draw_legend(figure: Figure, shrunk: bool) -> None:
+    """Draw the legend as one line below the axes.
+
+    Args:
+        figure: the figure.
+        shrunk: whether there are tightened limits.
+    """
     styles = {"plan": VALUE, "plan, limit binds": BINDING, "limit": LIMIT}
     if shrunk:
         styles["limit, tightened by the uncertainty"] = ROBUST_LIMIT
@@ -166,8 +171,13 @@ def _draw_legend(figure: Figure, shrunk: bool) -> None:
     figure.legend(handles, list(styles), loc="outside lower left", ncols=len(styles))
 
 
-def _binding(plan: Plan, limit: str) -> Flags:
-    """Return whether a limit binds on each interval that has a length, (M/2,)."""
+def binding(plan: Plan, limit: str) -> Flags:
+    """Return whether a limit binds on each interval that has a length, (M/2,).
+
+    Args:
+        plan: the plan.
+        limit: name of the limit.
+    """
     moves = np.diff(Trajectory.from_plan(plan).times) > 0
     return np.array([limit in active for active in plan.active], dtype=bool)[moves]
 
@@ -179,12 +189,24 @@ def _draw(axes: Axes, times: Array, quantity: Quantity, joint: int, binds: Flags
             axes.axhline(limit, **LIMIT)
     for shrunk in quantity.shrunk_limits(joint):
         axes.plot(times, shrunk, **ROBUST_LIMIT)
+    draw_value(axes, times, value, binds)
+    _scale_to_limits(axes, float(quantity.lower[joint]), float(quantity.upper[joint]), value)
+
+
+def draw_value(axes: Axes, times: Array, value: Array, binds: Flags) -> None:
+    """Draw a quantity over time, stronger on the intervals on which its limit binds.
+
+    Args:
+        axes: the axes.
+        times: times of both ends of every interval (M,) [s].
+        value: values of the quantity (M,).
+        binds: whether the limit binds on each interval (M/2,).
+    """
     axes.plot(times, value, **VALUE)
     intervals = np.stack([times, value], axis=1).reshape(-1, 2, 2)
     axes.add_collection(LineCollection(list(intervals[binds]), capstyle="butt", zorder=3, **BINDING))
     axes.set_xlim(times[0], times[-1])
     axes.locator_params(axis="x", nbins=4)
-    _scale_to_limits(axes, float(quantity.lower[joint]), float(quantity.upper[joint]), value)
 
 
 def _scale_to_limits(axes: Axes, lower: float, upper: float, value: Array) -> None:

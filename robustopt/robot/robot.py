@@ -17,6 +17,7 @@ from robustopt.arrays import Array, Indices
 from robustopt.config import FEET, HANDS, Config
 from robustopt.errors import RobotError
 from robustopt.robot import dynamics
+from robustopt.robot.cartesian import LimitedPoint, PointMotion, limited_points, point_motion
 from robustopt.robot.dynamics import BodyMotion, Dynamics, Frames
 from robustopt.robot.floating_base import free_joint_positions
 from robustopt.robot.inertia import require_possible, restore
@@ -54,14 +55,17 @@ class Robot:
             six for a hand.
         has_carrier: whether the robot has a carrier frame.
         hands: several hands that hold the tray together; () for a single tool.
+        points: points whose speed or acceleration is limited.
     """
 
-    def __init__(self, parts: RobotModel, model: mujoco.MjModel, limits: JointLimits) -> None:
+    def __init__(
+        self, parts: RobotModel, model: mujoco.MjModel, limits: JointLimits, points: tuple[LimitedPoint, ...] = ()
+    ) -> None:
         _switch_off_all_but_the_links(model)
         self.spec, self.world_spec = parts.spec, parts.world_spec
         self.original, self.notes = parts.original, parts.notes
         self.base, self.motors = parts.base, slice(parts.base, None)
-        self.n, self.joint_names, self.limits = model.nv, joint_names(model), limits
+        self.n, self.joint_names, self.limits, self.points = model.nv, joint_names(model), limits, points
         self.hinges = model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE
         self.ranges = model.jnt_range.copy()
         gravity = np.array(model.opt.gravity)
@@ -235,6 +239,17 @@ class Robot:
         """
         return dynamics.body_motion(self._model, self.base, name, q, q1, q2)
 
+    def point_motion(self, point: LimitedPoint, q: Array, q1: Array, q2: Array) -> PointMotion:
+        """Return the motion of a limited point along a path.
+
+        Args:
+            point: one of `points`.
+            q: coordinates (P, n) [rad or m].
+            q1: derivatives q'(s) (P, n).
+            q2: second derivatives q''(s) (P, n).
+        """
+        return point_motion(self._model, point, q, q1, q2)
+
     def inertia_of(self, name: str) -> tuple[float, Array, Array]:
         """Return the inertia of a body.
 
@@ -296,7 +311,7 @@ def load_robot(config: Config) -> Robot:
 
     Raises:
         RobotError: the model cannot be found or read, does not fit the path, or lacks its tool or a limit, or
-            `uncertainty` names a body that the robot does not have.
+            `uncertainty` or `robot.cartesian_limits` names a body that the robot does not have.
     """
     parts = load_model(config)
     for spec in (parts.spec, parts.world_spec):
@@ -308,7 +323,8 @@ def load_robot(config: Config) -> Robot:
     sites = {model.site(k).name for k in range(model.nsite)}
     require_possible(model, parts.inertias, sites & {CARRIER_SITE, *parts.contacts}, str(parts.file))
     limits = joint_limits(config, parts, joint_names(model)[parts.base :])
-    robot = Robot(parts, model, limits.behind_base(parts.base))
+    carrier = model.site(CARRIER_SITE).id if CARRIER_SITE in sites else None
+    robot = Robot(parts, model, limits.behind_base(parts.base), limited_points(config, model, carrier))
     _require_bodies(config, robot)
     return robot
 

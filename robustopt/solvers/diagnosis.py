@@ -179,7 +179,8 @@ def _conflicts(problem: TimeScalingProblem) -> Iterator[tuple[str, ...]]:
         for joint, limit in zip(problem.robot.joint_names, largest, strict=True)
         if np.isinf(limit)
     }
-    names = [name for name in problem.limits.names if name.kind != LimitKind.VELOCITY and name not in idle]
+    speeds = (LimitKind.VELOCITY, LimitKind.CARTESIAN_SPEED)
+    names = [name for name in problem.limits.names if name.kind not in speeds and name not in idle]
     while names and not _solvable(problem.only(names)):
         conflict = _irreducible(problem, names)
         yield tuple(conflict)

@@ -10,7 +10,7 @@ import numpy as np
 
 from robustopt.config import Config
 from robustopt.config.per_name import value_of
-from robustopt.limits import TimeScalingProblem
+from robustopt.limits import LimitKind, LimitName, TimeScalingProblem
 from robustopt.limits.systems import carried
 from robustopt.limits.uncertainty import friction
 from robustopt.robot import Robot
@@ -20,7 +20,7 @@ MOST_FRICTION = 10.0
 """Largest coefficient of friction that is tried: more than any dry contact has (our choice)."""
 
 MOST_JOINT_LIMIT = 100.0
-"""Largest factor by which the limit of a joint is raised (our choice)."""
+"""Largest factor by which the limit of a joint or a point is raised (our choice)."""
 
 MOST_FORCE = 100.0
 """Largest factor by which the force of a tool is raised (our choice)."""
@@ -96,6 +96,10 @@ def _joint_candidates(robot: Robot, conflict: Collection[str]) -> Iterator[Candi
             if f"{joint} {quantity}" in conflict:
                 key, limit = f"robot.limits.{joint}.{quantity}", float(limits[j])
                 yield Candidate(key, limit, MOST_JOINT_LIMIT * limit, _written_at(key))
+    for point in robot.points:
+        if LimitName(LimitKind.CARTESIAN_ACCELERATION, point.name) in conflict:
+            key = f"robot.cartesian_limits.{point.name}.acceleration"
+            yield Candidate(key, point.acceleration, MOST_JOINT_LIMIT * point.acceleration, _written_at(key))
 
 
 def _written_at(key: str) -> Callable[[Config, float], dict[str, Any]]:

@@ -121,7 +121,7 @@ def _require_speeds(problem: TimeScalingProblem) -> None:
 def _require_bounded(plan: Plan) -> None:
     """Check that limits keep the joints without a velocity limit below `MOST_SPEED`."""
     track, x_max = plan.problem.limits.track, plan.problem.x_max
-    unlimited = track.robot.limits.velocity[track.fastest] >= MOST_SPEED
+    unlimited = (track.robot.limits.velocity[track.fastest] >= MOST_SPEED) & (track.slowest < 0)
     reached = np.flatnonzero(unlimited & (x_max > 0) & (plan.x >= (1 - ACTIVE_TOLERANCE) * x_max))
     if not len(reached):
         return
