@@ -47,7 +47,7 @@ class Arm:
     def __init__(self, n):
         self.n, self.base, self.motors, self.contacts = n, 0, slice(0, None), {}
         self.joint_names = tuple(f"joint{k + 1}" for k in range(n))
-        self.hinges = np.ones(n, dtype=bool)
+        self.hinges, self.points = np.ones(n, dtype=bool), ()
         self.limits = SimpleNamespace(
             lower=np.full(n, -2.0), upper=np.full(n, 3.0), velocity=np.full(n, 3.0), acceleration=np.full(n, 8.0),
             jerk=np.full(n, np.inf), torque=np.full(n, 20.0),
