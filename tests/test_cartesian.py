@@ -27,7 +27,7 @@ LOOSE = {"all": {"velocity": 100.0, "acceleration": 1e4, "torque": 1e6}}
 
 
 def limited(config: Config, **limits: float) -> Config:
-    return with_values(config, {"robot.limits": LOOSE, "robot.cartesian_limits": {"tool": limits}})
+    return with_values(config, {"robot.limits": {**LOOSE, "cartesian": {"tool": limits}}})
 
 
 def line(method: str, **limits: float) -> Plan:
@@ -49,7 +49,7 @@ def curve() -> Plan:
     """A tray is carried along a curve by an arm whose acceleration has an error."""
     limits = "{speed: 0.4, acceleration: 2}"
     plan = plan_of(
-        waiter("side_by_side", f"robot.cartesian_limits={{tool: {limits}, link3: {limits}}}"), "reachability"
+        waiter("side_by_side", f"robot.limits.cartesian={{tool: {limits}, link3: {limits}}}"), "reachability"
     )
     assert plan.status is Status.SOLVED, plan.message
     return plan
@@ -101,7 +101,7 @@ def test_the_certificate_finds_the_limits_reached_and_not_exceeded() -> None:
 
 def test_the_certificate_fails_a_plan_that_is_too_fast() -> None:
     plan, config = curve(), curve().problem.config
-    lower = with_values(config, {"robot.cartesian_limits": {"tool": {"speed": 0.39}}})
+    lower = with_values(config, {"robot.limits.cartesian": {"tool": {"speed": 0.39}}})
     certificate = certify(plan, config=lower)
     assert not certificate.passed
     assert certificate.worst.limit == SPEED
@@ -120,40 +120,40 @@ def test_jerk_limited_plans_keep_cartesian_limits() -> None:
 
 def test_infinite_limits_change_nothing() -> None:
     config = waiter("one_block", "solver.method=reachability")
-    endless = {"robot.cartesian_limits": {"tool": {"speed": np.inf, "acceleration": np.inf}}}
+    endless = {"robot.limits.cartesian": {"tool": {"speed": np.inf, "acceleration": np.inf}}}
     free, same = plan_of(config), plan_of(with_values(config, endless))
     assert np.array_equal(free.x, same.x)
     assert "cartesian" not in dump(config)
 
 
 def test_a_limit_below_the_acceleration_error_has_a_remedy() -> None:
-    config = waiter("one_block", "robot.cartesian_limits.tool.acceleration=0.05", "solver.collocation_points=50")
+    config = waiter("one_block", "robot.limits.cartesian.tool.acceleration=0.05", "solver.collocation_points=50")
     diagnosis = diagnose(plan_of(config, "reachability"))
     assert diagnosis.conflicts == ((ACCELERATION,),)
     keys = [remedy.key for remedy in diagnosis.remedies]
-    assert keys == ["robot.cartesian_limits.tool.acceleration", "uncertainty.joint_acceleration.K"]
+    assert keys == ["robot.limits.cartesian.tool.acceleration", "uncertainty.joint_acceleration.K"]
     needed = with_values(config, {keys[0]: diagnosis.remedies[0].needed})
     assert plan_of(needed, "reachability").status is Status.SOLVED
 
 
 def test_a_body_of_a_walking_robot_is_limited() -> None:
-    walking = load_config(CONFIGS / "humanoid_step.yaml", overrides=["robot.cartesian_limits.pelvis.speed=0.05"])
+    walking = load_config(CONFIGS / "humanoid_step.yaml", overrides=["robot.limits.cartesian.pelvis.speed=0.05"])
     (point,) = load_robot(walking).points
     assert (point.name, point.speed, point.acceleration) == ("pelvis", 0.05, np.inf)
-    with pytest.raises(ro.ConfigError, match=r"robot.cartesian_limits.tool: the robot carries nothing"):
-        load_robot(with_values(walking, {"robot.cartesian_limits": {"tool": {"speed": 1.0}}}))
+    with pytest.raises(ro.ConfigError, match=r"robot.limits.cartesian.tool: the robot carries nothing"):
+        load_robot(with_values(walking, {"robot.limits.cartesian": {"tool": {"speed": 1.0}}}))
 
 
 def test_an_unknown_body_is_told_with_similar_names_first() -> None:
-    config = waiter("one_block", "robot.cartesian_limits={lnik3: {speed: 1}, tool: {speed: 1}}")
-    with pytest.raises(ro.ConfigError, match=r"^robot.cartesian_limits.lnik3: .* one of link3, "):
+    config = waiter("one_block", "robot.limits.cartesian={lnik3: {speed: 1}, tool: {speed: 1}}")
+    with pytest.raises(ro.ConfigError, match=r"^robot.limits.cartesian.lnik3: .* one of link3, "):
         load_robot(config)
 
 
 @pytest.mark.parametrize("value", ["0", "-1", ".nan", "fast"])
 def test_a_wrong_value_is_refused(value: str) -> None:
-    with pytest.raises(ro.ConfigError, match=r"robot.cartesian_limits.tool.speed: found .*; expected "):
-        waiter("one_block", f"robot.cartesian_limits.tool.speed={value}")
+    with pytest.raises(ro.ConfigError, match=r"robot.limits.cartesian.tool.speed: found .*; expected "):
+        waiter("one_block", f"robot.limits.cartesian.tool.speed={value}")
 
 
 def test_the_figure_has_a_column_for_each_point() -> None:

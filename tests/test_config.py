@@ -125,7 +125,7 @@ def test_overrides_replace_values_entries_and_sections(task):
     assert config.contact.friction == 0.45
     assert [pose.yaw for pose in config.path.tray_poses] == [-0.5, 0.59]
     assert config.path.tray_poses[1].position == (0.7, 0.5, 0.75)
-    assert config.robot.limits["joint2"].torque == 40
+    assert config.robot.limits.joints["joint2"].torque == 40
     assert config.uncertainty.friction is None
     assert config.objects["cup"].radius == 0.02
     assert config.solver.collocation_points == 500

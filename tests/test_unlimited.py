@@ -126,7 +126,7 @@ def test_only_positive_numbers_and_infinity_are_limits(kind, value):
 def test_a_position_range_may_be_open_but_is_no_nan():
     file = CONFIGS / "waiter_one_block.yaml"
     config = load_config(file, ["robot.limits.joint1.position=[-.inf, .inf]"])
-    assert load_config(dump(config)).robot.limits["joint1"].position == (-np.inf, np.inf)
+    assert load_config(dump(config)).robot.limits.joints["joint1"].position == (-np.inf, np.inf)
     with pytest.raises(ConfigError, match=r"position\[1\]: found nan; expected a number or \.inf"):
         load_config(file, ["robot.limits.joint1.position=[0, .nan]"])
 

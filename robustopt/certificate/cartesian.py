@@ -22,7 +22,7 @@ SWEEPS = 4
 
 def bodies_of(config: Config) -> tuple[str, ...]:
     """Return the names of the bodies with Cartesian limits, whose frames `motion` must give."""
-    return tuple(name for name in config.robot.cartesian_limits or () if name != TOOL)
+    return tuple(name for name in config.robot.limits.cartesian or () if name != TOOL)
 
 
 def check_cartesian(world: World, task: Task, motion: Motion, at: Instants, tally: Tally) -> None:
@@ -36,7 +36,7 @@ def check_cartesian(world: World, task: Task, motion: Motion, at: Instants, tall
         tally: receives the worst utilisations.
     """
     qd = np.sqrt(at.x) * task.path.evaluate(at.node_s, at.node_piece, 1)[at.node].T
-    for name, limit in (task.config.robot.cartesian_limits or {}).items():
+    for name, limit in (task.config.robot.limits.cartesian or {}).items():
         frame = motion.frames[CARRIER if name == TOOL else name]
         arm = np.tile(_tool_in_carrier(task.config) if name == TOOL else np.zeros(3), (len(at.s), 1)).T
         jacobian = frame.jacobian[:3] - np.cross(arm[:, None], frame.jacobian[3:], axis=0)

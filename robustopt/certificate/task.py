@@ -87,10 +87,10 @@ def configured_limits(config: Config, robot: Robot) -> JointLimits:
     """
     urdf, model = _urdf_limits(config), robot.original
     known = [model.joint(k).name for k in range(model.njnt)]
-    every = config.robot.limits.get("all")
+    every = config.robot.limits.joints.get("all")
     columns: dict[str, list[float]] = {name: [] for name in JointLimits.__dataclass_fields__}
     for name in robot.joint_names[robot.motors]:
-        k, own = known.index(name), config.robot.limits.get(name)
+        k, own = known.index(name), config.robot.limits.joints.get(name)
         filed = _filed(model, k) | urdf.get(name, {})
         chosen: dict[str, float] = {}
         for kind in columns:

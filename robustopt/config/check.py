@@ -242,7 +242,7 @@ def _circle(on: Mapping[str, tuple[str, ...]]) -> list[str]:
 
 def _intervals(config: Config) -> Iterator[Finding]:
     uncertain = config.uncertainty
-    for name, limits in config.robot.limits.items():
+    for name, limits in config.robot.limits.joints.items():
         if limits.position is not None:
             key: Key = ("robot", "limits", name, "position")
             yield from _interval(key, limits.position)

@@ -38,13 +38,14 @@ def with_limits_file(config: Config) -> Config:
     values, problems = _limits(document)
     if problems:
         raise ConfigError(problems)
-    every, limits = robot.limits.get("all", JointLimitOverride()), dict(robot.limits)
+    every, limits = robot.limits.joints.get("all", JointLimitOverride()), robot.limits.joints
     for joint, given in values.items():
         own = limits.get(joint, JointLimitOverride())
         kept = {kind: value for kind, value in given.items() if getattr(own, kind) is getattr(every, kind) is None}
         if kept:
             limits[joint] = own.model_copy(update=kept)
-    return config.model_copy(update={"robot": robot.model_copy(update={"limits": limits, "limits_file": None})})
+    update = {"limits": robot.limits.model_copy(update=limits), "limits_file": None}
+    return config.model_copy(update={"robot": robot.model_copy(update=update)})
 
 
 def _read(config: Config, name: str) -> Document:

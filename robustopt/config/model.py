@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, ConfigDict, Field
 
 from robustopt.config.execution_model import ExecutionConfig
 from robustopt.config.learning_model import LearningConfig
@@ -46,7 +46,7 @@ ROBOT_SOURCES = ("example-robot-data", "menagerie", "robosuite", "dm_control")
 
 
 class JointLimitOverride(Section):
-    """Limits and friction of a joint, in place of the model's."""
+    """Limits and friction of a joint, in place of the model's; the name `all` stands for every joint."""
 
     position: Range | None = Field(
         default=None, description="lowest and highest joint position; `-.inf` and `.inf` for none [rad or m]"
@@ -68,7 +68,7 @@ class JointLimitOverride(Section):
 
 
 TOOL = "tool"
-"""Name of the tool frame in `robot.cartesian_limits`."""
+"""Name of the tool frame in `robot.limits.cartesian`."""
 
 
 class CartesianLimit(Section):
@@ -78,6 +78,24 @@ class CartesianLimit(Section):
     acceleration: Limit | None = Field(
         default=None, description="largest acceleration; none by default, or `.inf` [m/s^2]"
     )
+
+
+class RobotLimits(Section):
+    """Limits of joints by their names, beside those of points."""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, JointLimitOverride]
+
+    cartesian: dict[str, CartesianLimit] | None = Field(
+        default=None,
+        description="limits of the speed and acceleration of points in the world: of the origin of the tool frame, by "
+        "the name `tool`, or of that of a body of the model, by the name of the body",
+    )
+
+    @property
+    def joints(self) -> dict[str, JointLimitOverride]:
+        """Return the limits of joints by name, `all` included."""
+        return dict(self.__pydantic_extra__)
 
 
 class Collision(Section):
@@ -116,15 +134,9 @@ class RobotConfig(Section):
         return (self.tool,) if isinstance(self.tool, str) else self.tool
 
     base: Pose = Field(default=Pose(), description="pose of the robot's base in the world")
-    limits: dict[str, JointLimitOverride] = Field(
-        default={},
-        description="joint limits by joint name, which replace those of the model; the name `all` applies to every "
-        "joint",
-    )
-    cartesian_limits: dict[str, CartesianLimit] | None = Field(
-        default=None,
-        description="limits of the speed and acceleration of points in the world: of the origin of the tool frame, by "
-        "the name `tool`, or of that of a body of the model, by the name of the body",
+    limits: RobotLimits = Field(
+        default=RobotLimits.model_validate({}),
+        description="limits of the joints by their names, and of points of the robot in the world",
     )
     limits_file: str | None = Field(
         default=None,

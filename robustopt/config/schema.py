@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
 from robustopt.config.model import Config
 from robustopt.config.section import Section
-from robustopt.config.words import choices, expected, fields, meaning, unit, unwrap
+from robustopt.config.words import choices, expected, fields, meaning, named_sections, unit, unwrap
 
 PAGE, SCHEMA = "configuration.md", "robustopt.schema.json"
 
@@ -70,6 +70,8 @@ def sections(model: type[Section] = Config, name: str = "") -> Iterator[tuple[st
                 base, inner = get_args(base)[0], f"{inner}[]"
             if isinstance(base, type) and issubclass(base, Section):
                 yield from sections(base, inner)
+    if (named := named_sections(model)) is not None:
+        yield from sections(named, f"{name}.NAME")
 
 
 def page() -> str:
@@ -77,7 +79,7 @@ def page() -> str:
     parts = [_INTRODUCTION]
     for name, model in sections():
         title = f"`{name}`" if name else "Top level"
-        rows = "".join(_row(model, key) for key in fields(model))
+        rows = "".join(_row(model, key) for key in fields(model)) + _named_row(model)
         parts.append(f"## {title}\n\n| key | type | unit | default | meaning |\n|---|---|---|---|---|\n{rows}")
     return "\n".join(parts)
 
@@ -86,6 +88,16 @@ def _row(model: type[Section], key: str) -> str:
     info, annotation = model.model_fields[key], fields(model)[key]
     kind = expected(annotation, info.metadata).split(" with the keys")[0]
     cells = [f"`{key}`", kind, unit(info), _default(info), meaning(info)]
+    return _line(cells)
+
+
+def _named_row(model: type[Section]) -> str:
+    """Return the row of the keys of a section that are names, empty if it has none."""
+    named = named_sections(model)
+    return "" if named is None else _line(["NAME", "a section", "", "none", (named.__doc__ or "").rstrip(".")])
+
+
+def _line(cells: Sequence[str]) -> str:
     return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |\n"
 
 

@@ -16,7 +16,17 @@ from robustopt.config.document import Document, Key
 from robustopt.config.model import HANDS, Config
 from robustopt.config.object_model import ContactConfig, ObjectConfig
 from robustopt.config.section import Section
-from robustopt.config.words import choices, did_you_mean, expected, fields, found, in_unit, purpose, unwrap
+from robustopt.config.words import (
+    choices,
+    did_you_mean,
+    expected,
+    fields,
+    found,
+    in_unit,
+    named_sections,
+    purpose,
+    unwrap,
+)
 from robustopt.errors import ConfigError
 
 _PLACEHOLDERS: dict[str, Any] = {
@@ -202,6 +212,9 @@ def _type_at(key: Key) -> tuple[Any, FieldInfo | None]:
         for option in choices(annotation):
             base, _ = unwrap(option)
             arguments = getattr(base, "__args__", ())
+            if _is_section(base) and isinstance(part, str) and part not in base.model_fields:
+                annotation = named_sections(base)  # as the joints of robot.limits; info stays that of the section
+                break
             if _is_section(base) and isinstance(part, str):
                 annotation, info = fields(base)[part], base.model_fields[part]
                 break

@@ -28,6 +28,18 @@ def fields(model: type[Section]) -> dict[str, Any]:
     return {name: hints[name] for name, info in model.model_fields.items() if not info.exclude}
 
 
+def named_sections(model: type[Section]) -> type[Section] | None:
+    """Return the section that a key stands for if it is a name, as in `robot.limits`; None if all keys are given.
+
+    Args:
+        model: the section.
+    """
+    if model.model_config.get("extra") != "allow":
+        return None
+    named: type[Section] = get_args(get_type_hints(model)["__pydantic_extra__"])[1]
+    return named
+
+
 def unwrap(annotation: Any) -> tuple[Any, tuple[Any, ...]]:
     """Return the type inside `Annotated`, and the constraints on it.
 
@@ -104,7 +116,8 @@ def _noun(annotation: Any, constraints: Sequence[Any]) -> tuple[str, str]:
         noun = "whole number" if base is int else "number"
         return noun, _bounds((*notes, *constraints)) + (" or .inf" if endless else "")
     if isinstance(base, type) and issubclass(base, Section):
-        return "section", f" with the keys {', '.join(fields(base))}"
+        named = " and names" if named_sections(base) is not None else ""
+        return "section", f" with the keys {', '.join(fields(base))}{named}"
     return "text", ""
 
 

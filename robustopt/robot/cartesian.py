@@ -1,4 +1,4 @@
-"""Points of a robot whose speed and acceleration in the world are limited, from `robot.cartesian_limits`."""
+"""Points of a robot whose speed and acceleration in the world are limited, from `robot.limits.cartesian`."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class PointMotion:
 
 
 def limited_points(config: Config, model: mujoco.MjModel, carrier: int | None) -> tuple[LimitedPoint, ...]:
-    """Return the points that `robot.cartesian_limits` names.
+    """Return the points that `robot.limits.cartesian` names.
 
     Args:
         config: the configuration.
@@ -68,11 +68,11 @@ def limited_points(config: Config, model: mujoco.MjModel, carrier: int | None) -
     Raises:
         RobotError: the robot has no such bodies, or no tool frame; the error lists all of them.
     """
-    given = config.robot.cartesian_limits or {}
+    given = config.robot.limits.cartesian or {}
     bodies = [model.body(k).name for k in range(1, model.nbody) if model.body(k).name]
     unknown = [name for name in given if name not in bodies and (name != TOOL or carrier is None)]
     if unknown:
-        key = "robot.cartesian_limits"
+        key = "robot.limits.cartesian"
         raise RobotError([ConfigProblem(f"{key}.{it}", _unknown(it, bodies, carrier is not None)) for it in unknown])
     points = []
     for name, limit in given.items():

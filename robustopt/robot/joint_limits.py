@@ -174,7 +174,7 @@ def _symmetric(limits: Array) -> float:
 def _override(config: Config, robot: RobotModel, limits: dict[str, Array]) -> None:
     """Apply the values of `robot.limits`: first those for `all`, then those for each joint."""
     names = joint_names(robot.original)
-    given = config.robot.limits
+    given = config.robot.limits.joints
     unknown = [name for name in given if name != "all" and name not in names]
     if unknown:
         known = f"its joints are: {', '.join(names)} (or `all`)"

@@ -79,7 +79,7 @@ def load_model(config: Config) -> RobotModel:
     file = model_file(config)
     content = read_model(file, config.robot.locked)
     spec, limits = content.spec, content.limits
-    placed = [name for name, given in config.robot.limits.items() if given.position is not None]
+    placed = [name for name, given in config.robot.limits.joints.items() if given.position is not None]
     if "all" not in placed:
         require_room(spec, limits.position, {*config.robot.locked, *placed}, str(file))
     original, without = compile_usable(spec, file)

@@ -311,7 +311,7 @@ def load_robot(config: Config) -> Robot:
 
     Raises:
         RobotError: the model cannot be found or read, does not fit the path, or lacks its tool or a limit, or
-            `uncertainty` or `robot.cartesian_limits` names a body that the robot does not have.
+            `uncertainty` or `robot.limits.cartesian` names a body that the robot does not have.
     """
     parts = load_model(config)
     for spec in (parts.spec, parts.world_spec):

@@ -98,7 +98,7 @@ def _joint_candidates(robot: Robot, conflict: Collection[str]) -> Iterator[Candi
                 yield Candidate(key, limit, MOST_JOINT_LIMIT * limit, _written_at(key))
     for point in robot.points:
         if LimitName(LimitKind.CARTESIAN_ACCELERATION, point.name) in conflict:
-            key = f"robot.cartesian_limits.{point.name}.acceleration"
+            key = f"robot.limits.cartesian.{point.name}.acceleration"
             yield Candidate(key, point.acceleration, MOST_JOINT_LIMIT * point.acceleration, _written_at(key))
 
 
