@@ -69,7 +69,7 @@ LAYERS = [
     ["limits/limit", "limits/contacts"],
     ["limits/problem"],
     ["limits"],
-    ["solvers/linear_program", "solvers/plan", "solvers/interior_point", "solvers/jerk_barrier"],
+    ["solvers/linear_program", "solvers/plan", "solvers/interior_point", "solvers/jerk_newton"],
     ["solvers/binding"],
     ["solvers/reachability", "solvers/force_program", "solvers/jerk"],
     ["solvers/ipopt", "solvers/sharing"],

@@ -214,6 +214,22 @@ def interval_ends(plan: Plan) -> tuple[Array, Array, Indices]:
     return np.r_[u, u_end, mean, mean], np.r_[plan.x[points], plan.x[points]], np.r_[points, points]
 
 
+def grid_points(plan: Plan) -> tuple[Array, Array, Indices]:
+    """Return u, x and the grid point at both ends of every interval that has a length, (M,) each, without means of u.
+
+    If u is continuous, each grid point between two such intervals is there once.
+
+    Args:
+        plan: a plan with a timing.
+    """
+    if plan.steady:
+        return interval_ends(plan)
+    moving = plan.problem.ds > 0
+    starts, lasts = np.flatnonzero(moving), np.flatnonzero(moving & ~np.append(moving[1:], False))
+    points = np.r_[starts, lasts + 1]
+    return np.r_[plan.u[starts], plan.u_end[lasts]], plan.x[points], points
+
+
 def solved_plan(problem: TimeScalingProblem, x: Array, method: str, statistics: Mapping[str, float]) -> Plan:
     """Return the plan of a solution.
 
