@@ -103,7 +103,8 @@ def _lines(program: Program, v: ca.MX, u: ca.MX) -> ca.MX:
     point = program.line_point[row] + column // 2
     values, shape = program.line[row, column], (len(program.line), v.numel())
     of_x, of_u = (
-        sparse.csc_matrix((values[kind], (row[kind], point[kind])), shape) for kind in (column % 2 == 0, column % 2 == 1)
+        sparse.csc_matrix((values[kind], (row[kind], point[kind])), shape)
+        for kind in (column % 2 == 0, column % 2 == 1)
     )
     return -1 - ca.DM(of_x) @ v**2 - ca.DM(of_u) @ u
 

@@ -21,10 +21,10 @@ from robustopt.solvers.binding import JERK_INSIDE
 from robustopt.solvers.jerk_newton import Program, Work, correct, optimise, workspace
 from robustopt.solvers.plan import Plan, Status, failed_plan, jerk_plan
 
-STEPS = 300
-"""Largest number of Newton steps on a piece; twenty to forty are usual."""
+STEPS = 150
+"""Largest number of Newton steps on a piece, before it is tried once more with all curvature; 15 to 50 are usual."""
 
-FIRST_GAP, ACCURACY = 0.5, 2e-6
+FIRST_GAP, ACCURACY = 10.0, 2e-6
 """First and last gap, as fractions of the duration."""
 
 USED = 0.5
@@ -200,30 +200,36 @@ def minimise(program: Program) -> tuple[Array, Array, int, float]:
         program: the program; x = u = 0 satisfies its limits with some slack.
 
     Returns:
-        x and u at the inner points (n,), the number of Newton steps, and the gap as a fraction of the duration.
+        x and u at the inner points (n,), the number of Newton steps, and the gap as a fraction of the duration,
+        infinite if the steps did not suffice.
     """
-    z = slow_timing(program)
-    steps, gap = optimise(program, z, FIRST_GAP, ACCURACY, STEPS)
+    start, steps = slow_timing(program), 0
+    for least in (0.0, 1.0):
+        z = start.copy()
+        taken, gap = optimise(program, z, FIRST_GAP, ACCURACY, STEPS, least)
+        steps += taken
+        if taken < STEPS:
+            break
+    else:
+        gap = np.inf
     work = workspace(program)
     correct(program, z, work, MOST_CORRECTIONS, CONSISTENT)
-    z = _slowed(program, z, work, 1.0)
+    z /= max(1.0, _excess(program, work, 1.0))
     return z[:-2:2], z[1:-2:2], steps, gap
 
 
-def _slowed(program: Program, z: Array, work: Work, part: float) -> Array:
-    """Return a timing, slowed down as a whole if it uses more than a part of a limit, (2 n + 2,).
+def _excess(program: Program, work: Work, part: float) -> float:
+    """Return the number by which x and u of a timing must be divided so that it uses at most a part of all limits.
 
     Args:
         program: the program.
-        z: the timing (2 n + 2,).
-        work: its values.
+        work: its values at the timing.
         part: the part.
     """
     lines, step = len(program.line), work.dt[program.jerk_point + 1]
     used = 1.0 - float(work.g[:lines].min())
     jerk = 1.0 - float((work.g[lines:].reshape(-1, 2).min(axis=1) / step).min(initial=1.0))
-    with np.errstate(divide="ignore"):
-        return z * min(1.0, part / used, np.float64(part / jerk) ** (2.0 / 3.0))
+    return max(used / part, (jerk / part) ** (2.0 / 3.0))
 
 
 def slow_timing(program: Program) -> Array:
@@ -243,7 +249,7 @@ def slow_timing(program: Program) -> Array:
     z[1:-2:2] = np.where(ahead < 0.5, 1.0, -1.0) * length * (60.0 * near - 180.0 * near**2 + 120.0 * near**3)
     work = workspace(program)
     correct(program, z, work, MOST_CORRECTIONS, CONSISTENT)
-    return _slowed(program, z, work, USED)
+    return z / _excess(program, work, USED)
 
 
 def _time_of(s: Array) -> Array:

@@ -11,8 +11,10 @@ and u' = 2 x' / (3 ds); the last one is its mirror image. The jerk of a joint at
     dt -+ ((q''' x + 3 q'' u) r + q' (u' - u)) / J >= 0,   r = sqrt(x) dt,
 
 with x and u interpolated there. The derivatives take h and r as constants: r hardly changes if a timing becomes faster
-or slower as a whole. Then the only curved term is dt. It is convex in (x, x'), so the Newton matrix counts its
-curvature in the duration less that in the jerk limits, but no less than 0.
+or slower as a whole. Only the equations of the intervals are solved with the derivatives of h. Then the only curved term
+is dt. It is convex in (x, x'). The Newton matrix counts its curvature in the duration less that in the jerk limits, but
+at least the part by which the smaller of x and x' falls short of the larger one: near rest, steps would otherwise go
+too far (our choice).
 
 Each step of Mehrotra's method solves the linearised conditions of optimality twice with one factorisation: for the
 centre whose gap is 0, and for a centre with a gap that depends on how far the first step leads. The slacks s of all
@@ -36,8 +38,12 @@ TO_BORDER = 0.95
 """Part of the way to the first slack or multiplier, or x, that becomes 0, of a step."""
 
 
+STEEPEST = 0.1
+"""Least root of the equation for dt, as a part of the mean speed, in its derivatives: they have no bound."""
+
+
 class Program(NamedTuple):
-    """Program on one piece, with n points between the rests; z is x, u of the first point, of the second one, ..., 0, 0.
+    """Program on one piece with n points between the rests; z is x, u of the first point, of the second, ..., 0, 0.
 
     Attributes:
         ends: lengths of the first and of the last interval (2,).
@@ -143,7 +149,7 @@ def measure(program, z, work):
 
 
 @compiled(error_model="numpy")
-def optimise(program, z, gap, accuracy, most):
+def optimise(program, z, gap, accuracy, most, least):
     """Improve a timing until it is optimal.
 
     Args:
@@ -152,6 +158,7 @@ def optimise(program, z, gap, accuracy, most):
         gap: gap at the start as a fraction of the duration.
         accuracy: gap, and error of all conditions, at the end.
         most: largest number of steps.
+        least: least part of the curvature of the duration that is counted; 1 takes more steps and never overshoots.
 
     Returns:
         The number of steps and the gap at the end.
@@ -175,7 +182,7 @@ def optimise(program, z, gap, accuracy, most):
             wrong = max(wrong, abs(work.g[k] - slack[k]) / unit)
         if gap <= accuracy and wrong <= accuracy:
             return steps, gap
-        newton_matrix(program, z, work, slack, dual, gradient, matrix)
+        newton_matrix(program, z, work, slack, dual, least, gradient, matrix)
         factorise(program, z, work, matrix)
         aim[:] = 0.0
         for corrector in range(2):
@@ -215,7 +222,7 @@ def longest(z, step):
 
 
 @compiled(error_model="numpy")
-def newton_matrix(program, z, work, slack, dual, gradient, matrix):
+def newton_matrix(program, z, work, slack, dual, least, gradient, matrix):
     """Set the gradient of the duration, and the Newton matrix: xx, xu, uu, then x, u by x', u', and by itself."""
     n, lines = len(program.away), len(program.line_point)
     dt = work.dt
@@ -233,7 +240,8 @@ def newton_matrix(program, z, work, slack, dual, gradient, matrix):
         fall, fall_next = 0.5 * dt[i + 1] / (both * v), 0.5 * dt[i + 1] / (both * v_next)
         gradient[2 * i] -= fall
         gradient[2 * i + 2] -= fall_next
-        part = max(curved[i], 0.0)
+        ratio = min(z[2 * i], z[2 * i + 2]) / max(z[2 * i], z[2 * i + 2])
+        part = max(curved[i], 1.0 - ratio, least)
         matrix[i, 0] += part * 0.5 * fall / v * (2.0 / both + 1.0 / v)
         matrix[i + 1, 0] += part * 0.5 * fall_next / v_next * (2.0 / both + 1.0 / v_next)
         matrix[i, 3] += part * fall / (both * v_next)
@@ -328,7 +336,23 @@ def factorise(program, z, work, matrix):
         put(band, r + 2, r + 1, -h * w / scale)
         put(band, r + 2, r + 3, x_next / scale)
         put(band, r + 2, r + 4, -h * w_next / scale)
+        change_of_h(
+            band[r + 2], z[2 * i : 2 * i + 4], work.dt[i + 1], h, x / scale, w / scale, x_next / scale, w_next / scale
+        )
     eliminate(band, work.lower, work.pivot)
+
+
+@compiled(error_model="numpy")
+def change_of_h(row, z, dt, h, x, w, x_next, w_next):
+    """Add the derivatives of h to the row of the equation of an interval, times the units of its four unknowns."""
+    mean = h / dt
+    root = max(mean - (z[3] - z[1]) * dt / 6.0, STEEPEST * mean)
+    both = z[1] + z[3]
+    per_mean, per_change = 0.25 * both * (dt - h / root), both * h * dt / (12.0 * root)
+    row[BAND - 2] -= x * per_mean / np.sqrt(z[0])
+    row[BAND - 1] += w * per_change
+    row[BAND + 1] -= x_next * per_mean / np.sqrt(z[2])
+    row[BAND + 2] -= w_next * per_change
 
 
 @compiled(error_model="numpy")
