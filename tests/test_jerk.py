@@ -71,7 +71,9 @@ def test_the_duration_falls_to_the_one_without_a_limit() -> None:
 @pytest.mark.parametrize(("name", "jerk"), [("one_block", 200.0), ("two_blocks", 100.0)])
 def test_both_formulations_have_one_optimum(name: str, jerk: float) -> None:
     own, ipopt = (limited(name, jerk, method) for method in ("reachability", "ipopt"))
-    assert own.duration == pytest.approx(ipopt.duration, rel=2e-5)
+    assert own.duration == pytest.approx(ipopt.duration, rel=1e-6)
+    assert own.message == ipopt.message
+    assert own.message.startswith("The plan is a local optimum")
 
 
 @pytest.mark.parametrize("name", ["one_block", "two_blocks", "side_by_side"])

@@ -11,10 +11,10 @@ and u' = 2 x' / (3 ds); the last one is its mirror image. The jerk of a joint at
     dt -+ ((q''' x + 3 q'' u) r + q' (u' - u)) / J >= 0,   r = sqrt(x) dt,
 
 with x and u interpolated there. The derivatives take h and r as constants: r hardly changes if a timing becomes faster
-or slower as a whole. Only the equations of the intervals are solved with the derivatives of h. Then the only curved term
-is dt. It is convex in (x, x'). The Newton matrix counts its curvature in the duration less that in the jerk limits, but
-at least the part by which the smaller of x and x' falls short of the larger one: near rest, steps would otherwise go
-too far (our choice).
+or slower as a whole. Only the steps towards the equations of the intervals count the derivatives of h. Then the only
+curved term is dt. It is convex in (x, x'). The Newton matrix counts its curvature in the duration less that in the jerk
+limits, but at least the part by which the smaller of x and x' falls short of the larger one: near rest, steps would
+otherwise go too far (our choice).
 
 Each step of Mehrotra's method solves the linearised conditions of optimality twice with one factorisation: for the
 centre whose gap is 0, and for a centre with a gap that depends on how far the first step leads. The slacks s of all

@@ -44,16 +44,21 @@ _SENTENCES = {
     "failed": "The solver stopped without an answer.",
 }
 
+LOCAL_OPTIMUM = "The plan is a local optimum, because jerk is limited."
+"""Sentence for a solution with jerk limits, whose program is not convex."""
 
-def outcome(status: Status, problem: TimeScalingProblem) -> str:
+
+def outcome(status: Status, problem: TimeScalingProblem, local: bool = False) -> str:
     """Return the outcome of a solver in words, which mention intervals if there are any.
 
     Args:
         status: the outcome.
         problem: the problem.
+        local: whether a faster plan may exist that differs from a solution as a whole.
     """
+    sentence = LOCAL_OPTIMUM if local and status is Status.SOLVED else status.sentence
     scoped = status in (Status.SOLVED, Status.INFEASIBLE) and has_intervals(problem.config)
-    return f"{status.sentence.removesuffix('.')} for every value in the intervals." if scoped else status.sentence
+    return f"{sentence.removesuffix('.')} for every value in the intervals." if scoped else sentence
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,7 +282,7 @@ def jerk_plan(problem: TimeScalingProblem, x: Array, sdd: Array, method: str, st
     u, change = np.where(moving, sdd[:-1], 0.0), np.where(moving, np.diff(sdd), 0.0)
     for array in (x, u, change):
         array.flags.writeable = False
-    message = outcome(Status.SOLVED, problem)
+    message = outcome(Status.SOLVED, problem, local=True)
     plan = Plan(Status.SOLVED, message, method, problem.s, problem.piece, x, u, change, np.inf, problem, statistics)
     return replace(plan, duration=float(plan.steps.sum()))
 

@@ -60,6 +60,8 @@ SAME_DURATION = 1e-6
 def solve(problem: TimeScalingProblem, method: str | None = None, jerk: bool = True) -> Plan:
     """Return the optimal plan of a problem that holds for every value in the intervals.
 
+    With jerk limits, it is a local optimum.
+
     Args:
         problem: the problem.
         method: `ipopt` or `reachability`; by default the configured one.
