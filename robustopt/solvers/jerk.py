@@ -203,16 +203,15 @@ def minimise(program: Program) -> tuple[Array, Array, int, float]:
         x and u at the inner points (n,), the number of Newton steps, and the gap as a fraction of the duration,
         infinite if the steps did not suffice.
     """
-    start, steps = slow_timing(program), 0
+    start, work, steps = slow_timing(program), workspace(program), 0
     for least in (0.0, 1.0):
         z = start.copy()
-        taken, gap = optimise(program, z, FIRST_GAP, ACCURACY, STEPS, least)
+        taken, gap = optimise(program, z, work, FIRST_GAP, ACCURACY, STEPS, least)
         steps += taken
         if taken < STEPS:
             break
     else:
         gap = np.inf
-    work = workspace(program)
     correct(program, z, work, MOST_CORRECTIONS, CONSISTENT)
     z /= max(1.0, _excess(program, work, 1.0))
     return z[:-2:2], z[1:-2:2], steps, gap

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from robustopt.compiled import compiled
+from robustopt.compiled import compiled_inner
 
 BAND = 4
 """Number of diagonals of the Newton matrix above, and below, the main one."""
@@ -18,7 +18,7 @@ STEEPEST = 0.1
 """Least root of the equation for dt, as a part of the mean speed, in its derivatives: they have no bound."""
 
 
-@compiled(error_model="numpy")
+@compiled_inner(error_model="numpy")
 def off_rows(program, z, work, right):
     """Set the rows of the equations of the intervals on the right side; return their largest residual.
 
@@ -38,7 +38,7 @@ def off_rows(program, z, work, right):
     return worst
 
 
-@compiled(error_model="numpy")
+@compiled_inner(error_model="numpy")
 def factorise(program, z, work, matrix):
     """Factorise the Newton matrix with the equations of the intervals, by elimination with row exchanges.
 
@@ -75,7 +75,7 @@ def factorise(program, z, work, matrix):
     eliminate(band, work.lower, work.pivot)
 
 
-@compiled(error_model="numpy")
+@compiled_inner(error_model="numpy")
 def change_of_h(row, z, dt, h, x, w, x_next, w_next):
     """Add the derivatives of h to the row of the equation of an interval, times the units of its four unknowns."""
     mean = h / dt
@@ -88,14 +88,14 @@ def change_of_h(row, z, dt, h, x, w, x_next, w_next):
     row[BAND + 2] -= w_next * per_change
 
 
-@compiled(error_model="numpy")
+@compiled_inner(error_model="numpy")
 def put(band, row, column, value):
     """Set an element of a symmetric matrix."""
     band[row, BAND + column - row] = value
     band[column, BAND + row - column] = value
 
 
-@compiled(error_model="numpy")
+@compiled_inner(error_model="numpy")
 def eliminate(band, lower, pivot):
     """Factorise a banded matrix in place."""
     size = len(band)
@@ -117,7 +117,7 @@ def eliminate(band, lower, pivot):
                     band[r, BAND + k - r + j] -= factor * band[k, BAND + j]
 
 
-@compiled(error_model="numpy")
+@compiled_inner(error_model="numpy")
 def solve_factorised(program, z, work, right, step):
     """Solve for the step of z, with the right side in the units of the rows; `right` is overwritten."""
     n, band, size = len(program.away), work.band, len(right)

@@ -28,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 
 from robustopt.arrays import Array, Indices
-from robustopt.compiled import compiled
+from robustopt.compiled import compiled, compiled_inner
 from robustopt.solvers.jerk_matrix import BAND, factorise, off_rows, solve_factorised
 
 TO_BORDER = 0.95
@@ -85,25 +85,28 @@ class Work(NamedTuple):
     pivot: Indices
 
 
-@compiled(error_model="numpy")
-def workspace(program):
+def workspace(program: Program) -> Work:
     """Return room for the values of a program.
 
     Args:
         program: the program.
     """
-    n, lines, jerks = len(program.away), len(program.line_point), len(program.jerk_point)
-    m = lines + 2 * jerks
-    point, slope = np.empty(m, dtype=np.int64), np.empty((m, 4))
-    point[:lines], slope[:lines] = program.line_point, program.line
-    for k in range(jerks):
-        point[lines + 2 * k] = point[lines + 2 * k + 1] = program.jerk_point[k]
-    size = 3 * n + 1
-    band, lower = np.empty((size, 3 * BAND + 1)), np.empty((size, BAND))
-    return Work(np.empty(n + 1), np.empty(n - 1), np.empty(m), point, slope, band, lower, np.empty(size, np.int64))
+    size = 3 * len(program.away) + 1
+    point = np.concatenate([program.line_point, np.repeat(program.jerk_point, 2)])
+    slope = np.concatenate([program.line, np.empty((2 * len(program.place), 4))])
+    return Work(
+        dt=np.empty(len(program.ds) + 2),
+        h=np.empty(len(program.ds)),
+        g=np.empty(len(point)),
+        point=point,
+        slope=slope,
+        band=np.empty((size, 3 * BAND + 1)),
+        lower=np.empty((size, BAND)),
+        pivot=np.empty(size, dtype=np.int64),
+    )
 
 
-@compiled(error_model="numpy")
+@compiled_inner(error_model="numpy")
 def measure(program, z, work):
     """Set the times, h, the limits and their derivatives at a timing.
 
@@ -142,12 +145,13 @@ def measure(program, z, work):
 
 
 @compiled(error_model="numpy")
-def optimise(program, z, gap, accuracy, most, least):
+def optimise(program, z, work, gap, accuracy, most, least):
     """Improve a timing until it is optimal.
 
     Args:
         program: the program.
         z: the timing (2 n + 2,), within the limits; becomes the optimal one, up to `accuracy`.
+        work: its values are set.
         gap: gap at the start as a fraction of the duration.
         accuracy: gap, and error of all conditions, at the end.
         most: largest number of steps.
@@ -156,14 +160,13 @@ def optimise(program, z, gap, accuracy, most, least):
     Returns:
         The number of steps and the gap at the end.
     """
-    n, work = len(program.away), workspace(program)
+    n, m = len(program.away), len(work.g)
     measure(program, z, work)
-    m = len(work.g)
     slack, dual = work.g.copy(), np.empty(m)
     total = work.dt.sum()
     for k in range(m):
         dual[k] = gap * total / (m * slack[k])
-    gradient, matrix = np.empty(2 * n + 2), np.empty((n, 9))
+    gradient, matrix = np.empty(2 * n + 2), np.empty((n, 8))
     right, step = np.empty(3 * n + 1), np.zeros(2 * n + 2)
     d_slack, d_dual, aim = np.empty(m), np.empty(m), np.empty(m)
     for steps in range(most):
@@ -204,7 +207,7 @@ def optimise(program, z, gap, accuracy, most, least):
     return most, gap
 
 
-@compiled(error_model="numpy")
+@compiled_inner(error_model="numpy")
 def longest(z, step):
     """Return the part of a step after which the first x is 0, at most 1 / TO_BORDER."""
     part = 1.0 / TO_BORDER
@@ -214,13 +217,17 @@ def longest(z, step):
     return part
 
 
-@compiled(error_model="numpy")
+@compiled_inner(error_model="numpy")
 def newton_matrix(program, z, work, slack, dual, least, gradient, matrix):
-    """Set the gradient of the duration, and the Newton matrix: xx, xu, uu, then x, u by x', u', and by itself."""
+    """Set the gradient of the duration, and the Newton matrix.
+
+    Its columns are xx, xu, uu, those of x, u with x', u', and the part of the curvature of dt that counts.
+    """
     n, lines = len(program.away), len(program.line_point)
     dt = work.dt
     gradient[:], matrix[:] = 0.0, 0.0
-    curved = np.ones(n)
+    curved = matrix[:, 7]
+    curved[:] = 1.0
     for k in range(lines, len(dual)):
         curved[work.point[k]] -= dual[k]
     for end in range(2):
@@ -254,7 +261,7 @@ def newton_matrix(program, z, work, slack, dual, least, gradient, matrix):
             matrix[i + 1, 2] += weight * d * d
 
 
-@compiled(error_model="numpy")
+@compiled_inner(error_model="numpy")
 def newton_step(program, z, work, slack, dual, aim, gradient, right, step, d_slack, d_dual):
     """Set the step of z, of the slacks and of their multipliers towards products slack * dual = aim."""
     n = len(program.away)
@@ -290,7 +297,7 @@ def correct(program, z, work, most, accuracy):
         accuracy: residual that is left, as a fraction of x.
     """
     n = len(program.away)
-    right, step, matrix = np.empty(3 * n + 1), np.zeros(2 * n + 2), np.empty((n, 9))
+    right, step, matrix = np.empty(3 * n + 1), np.zeros(2 * n + 2), np.empty((n, 8))
     for _ in range(most):
         measure(program, z, work)
         if off_rows(program, z, work, right) <= accuracy:
