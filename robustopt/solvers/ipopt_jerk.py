@@ -22,7 +22,7 @@ from robustopt.interruption import held
 from robustopt.limits import TimeScalingProblem
 from robustopt.solvers.ipopt import OPTIONS, Stop
 from robustopt.solvers.jerk import limited_rows, pieces, slow_timing, unless_still
-from robustopt.solvers.jerk_barrier import PLACES, PieceRows
+from robustopt.solvers.jerk_newton import Program
 from robustopt.solvers.plan import Plan, Status, failed_plan, interval_times, jerk_plan
 
 METHOD = "ipopt"
@@ -56,17 +56,18 @@ def solve_ipopt_jerk(problem: TimeScalingProblem) -> Plan:
     return jerk_plan(problem, x, u, METHOD, figures)
 
 
-def _minimise(rows: PieceRows) -> tuple[Array, Array, str, int]:
+def _minimise(program: Program) -> tuple[Array, Array, str, int]:
     """Return speeds and accelerations at the inner points of a piece (n,), Ipopt's status and its number of iterations.
 
     The variables are fractions of the slow timing. The cost is a fraction of its duration.
     """
-    x, u = slow_timing(rows)
+    timing = slow_timing(program)
+    x, u = timing[:-2:2], timing[1:-2:2]
     n = len(x)
-    ds = np.concatenate([rows.ends[:1], rows.ds, rows.ends[1:]])
+    ds = np.concatenate([program.ends[:1], program.ds, program.ends[1:]])
     speed, sdd = np.concatenate([[0.0], np.sqrt(x), [0.0]]), np.concatenate([[0.0], u, [0.0]])
     dt = interval_times(ds, 0.5 * (speed[:-1] + speed[1:]), np.diff(sdd))
-    typical = np.abs(u) + x / np.minimum(np.cumsum(ds)[:-1], np.cumsum(ds[::-1])[-2::-1])
+    typical = np.abs(u) + x / program.away
     sizes = np.concatenate([speed[1:-1], typical, dt])
     part = ca.MX.sym("z", 3 * n + 1)
     z = part * ca.DM(sizes)
@@ -76,49 +77,42 @@ def _minimise(rows: PieceRows) -> tuple[Array, Array, str, int]:
         (v[1:] - v[:-1] - 0.5 * (w[1:] + w[:-1]) * step) / ca.DM(np.maximum(speed[1:], speed[:-1])),
         (v[:-1] * step + (2 * w[:-1] + w[1:]) * step**2 / 6 - ca.DM(ds)) / ca.DM(ds),
     ]
-    mean, first, last = 0.5 * (acceleration[1:] + acceleration[:-1]), slice(None, -1), slice(1, None)
-    squares = inner**2
-    limits = [
-        _rows(rows, slice(None), acceleration, squares),
-        _rows(rows, first, mean, squares[first]),
-        _rows(rows, last, mean, squares[last]),
-    ]
-    limits.append(squares / ca.DM(rows.x_max) - 1)
-    limits += [sign * jerk - 1 for jerk in _jerks(rows, inner, acceleration, step[1:-1]) for sign in (1, -1)]
+    jerk = _jerks(program, inner, acceleration, step)
+    limits = [_lines(program, inner, acceleration), jerk - 1, -jerk - 1]
     equal, below = ca.vertcat(*equations), ca.vertcat(*limits)
     count = equal.numel() + below.numel()
-    program = {"x": part, "f": ca.sum1(step) / dt.sum(), "g": ca.vertcat(equal, below)}
+    cost = {"x": part, "f": ca.sum1(step) / dt.sum(), "g": ca.vertcat(equal, below)}
     low = np.concatenate([np.full(n, SMALLEST), np.full(n, -np.inf), np.full(n + 1, SMALLEST)])
     start = np.concatenate([np.ones(n), u / typical, np.ones(n + 1)])
     options = {name: value for name, value in OPTIONS.items() if name != "ipopt.jac_d_constant"}
     with held() as interruptions:
         stop = Stop(len(sizes), count, interruptions)
-        solver = ca.nlpsol("outer", "ipopt", program, {**options, "expand": True, "iteration_callback": stop})
+        solver = ca.nlpsol("outer", "ipopt", cost, {**options, "expand": True, "iteration_callback": stop})
         lowest = np.concatenate([np.zeros(equal.numel()), np.full(below.numel(), -np.inf)])
         answer = solver(x0=start, lbx=low, lbg=lowest, ubg=0.0)
     if interruptions:  # the user's handler let the work go on
-        return _minimise(rows)
+        return _minimise(program)
     found = sizes * np.array(answer["x"]).ravel()
     stats = solver.stats()
     return found[:n], found[n : 2 * n], str(stats["return_status"]), int(stats["iter_count"])
 
 
-def _rows(rows: PieceRows, points: slice, u: ca.MX, x: ca.MX) -> ca.MX:
-    """Return a u + b x + c of the rows of some points that depend on u or x, for values (u, x) at these points."""
-    a, b, c = rows.a[points], rows.b[points], rows.c[points]
-    at, k = np.nonzero((a != 0.0) | (b != 0.0))
-    shape = len(at), len(a)
-    of_u, of_x = (sparse.csc_matrix((values[at, k], (np.arange(len(at)), at)), shape) for values in (a, b))
-    return ca.DM(of_u) @ u + ca.DM(of_x) @ x + ca.DM(c[at, k])
+def _lines(program: Program, v: ca.MX, u: ca.MX) -> ca.MX:
+    """Return -g of the linear limits g >= 0, (l,)."""
+    row, column = np.nonzero(program.line)
+    point = program.line_point[row] + column // 2
+    values, shape = program.line[row, column], (len(program.line), v.numel())
+    of_x, of_u = (
+        sparse.csc_matrix((values[kind], (row[kind], point[kind])), shape)
+        for kind in (column % 2 == 0, column % 2 == 1)
+    )
+    return -1 - ca.DM(of_x) @ v**2 - ca.DM(of_u) @ u
 
 
-def _jerks(rows: PieceRows, v: ca.MX, u: ca.MX, step: ca.MX) -> list[ca.MX]:
-    """Return the jerk of each joint at the places of the intervals between points, relative to its limit (n - 1,)."""
-    rate, found = (u[1:] - u[:-1]) / step, []
-    for e, after in enumerate(PLACES):
-        v_here = ca.sqrt((1 - after) * v[:-1] ** 2 + after * v[1:] ** 2)
-        u_here = (1 - after) * u[:-1] + after * u[1:]
-        for k in range(rows.q1.shape[2]):
-            q1, q2, q3 = (ca.DM(q[:, e, k]) for q in (rows.q1, rows.q2, rows.q3))
-            found.append(q3 * v_here**3 + 3 * q2 * v_here * u_here + q1 * rate)
-    return found
+def _jerks(program: Program, v: ca.MX, u: ca.MX, step: ca.MX) -> ca.MX:
+    """Return the jerk of each joint at each of its places, relative to its limit (k,)."""
+    i, after = program.jerk_point.tolist(), ca.DM(program.place)
+    j = (program.jerk_point + 1).tolist()
+    v_here, u_here = ca.sqrt((1 - after) * v[i] ** 2 + after * v[j] ** 2), (1 - after) * u[i] + after * u[j]
+    q1, q2, q3 = (ca.DM(q) for q in (program.q1, program.q2, program.q3))
+    return q3 * v_here**3 + 3 * q2 * v_here * u_here + q1 * (u[j] - u[i]) / step[j]

@@ -44,16 +44,21 @@ _SENTENCES = {
     "failed": "The solver stopped without an answer.",
 }
 
+LOCAL_OPTIMUM = "The plan is a local optimum, because jerk is limited."
+"""Sentence for a solution with jerk limits, whose program is not convex."""
 
-def outcome(status: Status, problem: TimeScalingProblem) -> str:
+
+def outcome(status: Status, problem: TimeScalingProblem, local: bool = False) -> str:
     """Return the outcome of a solver in words, which mention intervals if there are any.
 
     Args:
         status: the outcome.
         problem: the problem.
+        local: whether a faster plan may exist that differs from a solution as a whole.
     """
+    sentence = LOCAL_OPTIMUM if local and status is Status.SOLVED else status.sentence
     scoped = status in (Status.SOLVED, Status.INFEASIBLE) and has_intervals(problem.config)
-    return f"{status.sentence.removesuffix('.')} for every value in the intervals." if scoped else status.sentence
+    return f"{sentence.removesuffix('.')} for every value in the intervals." if scoped else sentence
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,6 +222,22 @@ def interval_ends(plan: Plan) -> tuple[Array, Array, Indices]:
     return np.r_[u, u_end, mean, mean], np.r_[plan.x[points], plan.x[points]], np.r_[points, points]
 
 
+def grid_points(plan: Plan) -> tuple[Array, Array, Indices]:
+    """Return u, x and the grid point at both ends of every interval that has a length, (M,) each, without means of u.
+
+    If u is continuous, each grid point between two such intervals is there once.
+
+    Args:
+        plan: a plan with a timing.
+    """
+    if plan.steady:
+        return interval_ends(plan)
+    moving = plan.problem.ds > 0
+    starts, lasts = np.flatnonzero(moving), np.flatnonzero(moving & ~np.append(moving[1:], False))
+    points = np.r_[starts, lasts + 1]
+    return np.r_[plan.u[starts], plan.u_end[lasts]], plan.x[points], points
+
+
 def solved_plan(problem: TimeScalingProblem, x: Array, method: str, statistics: Mapping[str, float]) -> Plan:
     """Return the plan of a solution.
 
@@ -264,7 +285,7 @@ def jerk_plan(problem: TimeScalingProblem, x: Array, sdd: Array, method: str, st
     u, change = np.where(moving, sdd[:-1], 0.0), np.where(moving, np.diff(sdd), 0.0)
     for array in (x, u, change):
         array.flags.writeable = False
-    message = outcome(Status.SOLVED, problem)
+    message = outcome(Status.SOLVED, problem, local=True)
     plan = Plan(Status.SOLVED, message, method, problem.s, problem.piece, x, u, change, np.inf, problem, statistics)
     return replace(plan, duration=float(plan.steps.sum()))
 

@@ -24,7 +24,7 @@ from robustopt.limits.systems import SLIPS
 from robustopt.limits.track import MOST_SPEED
 from robustopt.solvers.binding import ACTIVE_TOLERANCE, binding_rows
 from robustopt.solvers.jerk import solve_jerk
-from robustopt.solvers.plan import Plan, Status, failed_plan, interval_ends, outcome
+from robustopt.solvers.plan import Plan, Status, failed_plan, grid_points, interval_ends, outcome
 from robustopt.solvers.reachability import solve_reachability
 
 if TYPE_CHECKING:  # HiGHS is loaded only when a program is needed
@@ -59,6 +59,8 @@ SAME_DURATION = 1e-6
 
 def solve(problem: TimeScalingProblem, method: str | None = None, jerk: bool = True) -> Plan:
     """Return the optimal plan of a problem that holds for every value in the intervals.
+
+    With jerk limits, it is a local optimum.
 
     Args:
         problem: the problem.
@@ -292,5 +294,5 @@ def _relinearised(plan: Plan, before: float) -> TimeScalingProblem | None:
         clear, most = not binding_rows(plan)[:, torque].any(), -NEAR_TORQUE
     else:
         clear, most = abs(before - plan.duration) <= SAME_DURATION * plan.duration, TORQUE_TOLERANCE
-    clear = clear and problem.torque_excess(*interval_ends(plan)) <= most
+    clear = clear and problem.torque_excess(*grid_points(plan)) <= most
     return None if clear else problem.with_reference(plan.x)
