@@ -99,66 +99,6 @@ def point_acceleration(motion: PointMotion, middle: Array, radius: Array) -> Poi
     return PointAcceleration(motion.point, rows / (part * limit))
 
 
-@dataclass(frozen=True, eq=False)
-class SpeedBetween:
-    """The limits of the speeds of points between grid points, if jerk limits make x concave there.
-
-    Both tangents of x at the ends of an interval lie above it. So x stays below the line through the bounds B and B' at
-    both ends if x + u ds <= (B + B') / 2 at the start, and x' - u' ds <= (B + B') / 2 at the end.
-
-    Attributes:
-        names: names of the limits (k,).
-        rows: rows a u + b x + c <= 0 as fractions of (B + B') / 2, two for each limit (P, 2 k, 3).
-    """
-
-    names: tuple[LimitName, ...]
-    rows: Array
-
-    def cut(self, polygons: Polygons, index: Indices, used: Flags) -> Polygons:
-        """Return the feasible polygons, cut with the rows; see `Limit`.
-
-        Args:
-            polygons: feasible (u, x) so far.
-            index: number of each name in the problem (k,).
-            used: which of the names count (k,).
-        """
-        return cut_affine(polygons, self.rows[:, np.repeat(used, 2)], np.repeat(index[used], 2))
-
-    def excess(self, u: Array, x: Array, points: Indices) -> Array:
-        """Return the larger value of the two rows of each limit, (M, k); see `Limit`.
-
-        Args:
-            u: sdd (M,).
-            x: sd^2 (M,).
-            points: grid point of each (M,).
-        """
-        a, b, c = np.moveaxis(self.rows[points], 2, 0)
-        return np.asarray((a * u[:, None] + b * x[:, None] + c).reshape(len(u), -1, 2).max(axis=2))
-
-
-def speed_between(robot: Robot, s: Array, x_max: Array, slowest: Indices) -> tuple[SpeedBetween, ...]:
-    """Return the limits of speeds between grid points, none without limits of speed or of jerk.
-
-    Args:
-        robot: the robot.
-        s: grid points (P,).
-        x_max: largest x (P,).
-        slowest: index of the point whose speed bounds x, -1 if a joint does (P,).
-    """
-    names = speed_names(robot)
-    if not names or not np.isfinite(robot.limits.jerk).any():
-        return ()
-    ds, middle = np.diff(s), 0.5 * (x_max[:-1] + x_max[1:])
-    rows = np.zeros((len(s), 2 * len(names), 3))
-    rows[:, :, 2] = -1.0
-    for k in range(len(names)):
-        interval = np.flatnonzero(((slowest[:-1] == k) | (slowest[1:] == k)) & (ds > 0.0))
-        for end, sign in ((0, 1.0), (1, -1.0)):
-            rows[interval + end, 2 * k + end, 0] = sign * (ds / middle)[interval]
-            rows[interval + end, 2 * k + end, 1] = 1.0 / middle[interval]
-    return (SpeedBetween(names, rows),)
-
-
 def speed_names(robot: Robot) -> tuple[LimitName, ...]:
     """Return the names of the speed limits of points.
 

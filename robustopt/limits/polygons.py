@@ -288,7 +288,7 @@ def edge_rows(polygons: Polygons, joints: int, names: int) -> tuple[Array, Array
 
     Args:
         polygons: the polygons.
-        joints: names below this number are velocity bounds, which become no rows.
+        joints: names below this number are of velocities; their bounds of x become no rows.
         names: number of names.
 
     Returns:
@@ -314,7 +314,7 @@ def _find_slots(vertices, rows, edge_names, count, joints, slots, width, used):
         rows: rows of their edges (P, V, 3).
         edge_names: number of the name of each edge (P, V).
         count: number of edges (P,).
-        joints: names below this number are velocity bounds, which become no rows.
+        joints: names below this number are of velocities; their bounds of x become no rows.
         slots: set to the number of each edge that is a row; of others it is -1 (P, V).
         width: set to the largest number of edges at one grid point for each name (names,).
         used: work array (names,).
@@ -334,7 +334,8 @@ def _find_slots(vertices, rows, edge_names, count, joints, slots, width, used):
             dx = abs(vertices[i, after, 1] - vertices[i, k, 1])
             short = du <= EDGE_LENGTH * width_u and dx <= EDGE_LENGTH * width_x
             short &= abs(rows[i, k, 0]) * du + abs(rows[i, k, 1]) * dx <= EDGE_CHANGE
-            if name < joints or (short and (width_u > 0.0 or width_x > 0.0)):  # of a single point all edges are rows
+            bound = name < 0 or (name < joints and rows[i, k, 0] == 0.0)
+            if bound or (short and (width_u > 0.0 or width_x > 0.0)):  # of a single point all edges are rows
                 continue
             slots[i, k] = used[name]
             used[name] += 1

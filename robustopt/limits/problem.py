@@ -17,9 +17,7 @@ from robustopt.arrays import Array, Flags, Indices
 from robustopt.config import Config
 from robustopt.limits.cartesian import (
     PointAcceleration,
-    SpeedBetween,
     point_acceleration,
-    speed_between,
     speed_names,
 )
 from robustopt.limits.contact_limit import ContactLimit
@@ -29,6 +27,7 @@ from robustopt.limits.limit import Limit, LimitFactory
 from robustopt.limits.motion import PathMotion
 from robustopt.limits.names import LimitKind, LimitName
 from robustopt.limits.polygons import Polygons, cut_affine, edge_rows, start
+from robustopt.limits.speed_between import SpeedBetween, speed_between
 from robustopt.limits.systems import SLIPS
 from robustopt.limits.torque import TorqueLimit, torque_scale
 from robustopt.limits.track import Track
@@ -287,7 +286,7 @@ def rows_along(
     limited = [motion for motion in track.points if np.isfinite(motion.point.acceleration)]
     points = tuple(point_acceleration(motion, *uncertainty.error.arrays) for motion in limited)
     others = tuple(factory(track) for factory in limits)
-    speeds = speed_between(track.robot, track.s, track.x_max, track.slowest)
+    speeds = speed_between(track)
     every = Limits(track, uncertainty, contacts, torque, others, laws or {}, points, speeds)
     empty = np.zeros((len(track.s), 0))
     bare = TimeScalingProblem(
