@@ -4,7 +4,7 @@
     such that  v_{i+1} = v_i + (u_i + u_{i+1}) dt_i / 2,   ds_i = v_i dt_i + (2 u_i + u_{i+1}) dt_i^2 / 6,
                a u + b v^2 + c <= 0 and v^2 <= x_max at every grid point,   v = u = 0 at every rest,
                a (u_i + u_{i+1}) / 2 + b v^2 + c <= 0 at both ends of every interval,
-               |q''' v^3 + 3 q'' v u + q' (u_{i+1} - u_i) / dt_i| <= J at both ends and in the middle of every interval
+               |q''' v^3 + 3 q'' v u + q' (u_{i+1} - u_i) / dt_i| <= J at the places of `jerk` within every interval
 
 It has the same solutions as `jerk`, which eliminates the times and solves it by an interior-point method of its own.
 """
