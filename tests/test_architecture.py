@@ -66,7 +66,7 @@ LAYERS = [
     ["limits/wrenches", "limits/generalised_force", "limits/contact_limit"],
     ["limits/torque", "limits/cartesian"],
     ["limits/track"],
-    ["limits/limit", "limits/contacts"],
+    ["limits/limit", "limits/contacts", "limits/speed_between"],
     ["limits/problem"],
     ["limits"],
     ["solvers/linear_program", "solvers/plan", "solvers/interior_point", "solvers/jerk_matrix"],

@@ -211,3 +211,10 @@ def test_a_limit_of_a_joint_that_does_not_move_changes_nothing(acceleration: flo
     without = plan_of(scene("two_slides", robot_keys={"limits": {"all": limits["all"]}}))
     assert still.status is Status.SOLVED
     assert still.duration == pytest.approx(without.duration, rel=1e-3)
+
+
+def test_velocities_hold_between_grid_points_too() -> None:
+    limits = "robot.limits.all={jerk: 100, velocity: 0.3}"
+    plan = plan_of(waiter("two_blocks", limits, "solver.collocation_points=200"), "reachability")
+    used = np.abs(Trajectory.from_plan(plan).every(0.001).qd) / plan.problem.robot.limits.velocity
+    assert 0.999 < used.max() < 1.001
