@@ -11,7 +11,6 @@ from robustopt.limits.names import LimitName
 from robustopt.limits.polygons import Polygons, cut_affine
 from robustopt.limits.track import Track
 
-
 EXCESS = 2.5e-3
 """Largest excess of a joint velocity between grid points, as a fraction of its limit: a quarter of what a certificate
 accepts. Without it, fast changes of sdd on coarse grids cost up to 0.1 % of the duration more (our choice)."""
@@ -22,7 +21,8 @@ class SpeedBetween:
     """The limits of the speeds of joints and points between grid points, if jerk limits make x concave there.
 
     Both tangents of x at the ends of an interval lie above it. So x stays below the line through the bounds B and B' at
-    both ends, those of velocities enlarged by EXCESS, if x + u ds <= (B + B') / 2 at the start, and x' - u' ds <= (B + B') / 2 at the end.
+    both ends, those of velocities enlarged by EXCESS, if x + u ds <= (B + B') / 2 at the start, and x' - u' ds <=
+    (B + B') / 2 at the end.
 
     Attributes:
         names: names of the limits (k,).
