@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -60,16 +61,43 @@ def solve_pose(robot: Robot, position: Array, rotation: Array, q: Array, iterati
     Returns:
         The position after the last step, whether or not it reaches the pose.
     """
-    q = np.array(q, dtype=float)
+    return solve_from(robot, position, rotation, np.asarray(q, dtype=float)[None], iterations)[0]
+
+
+def solve_from(robot: Robot, position: Array, rotation: Array, starts: Array, iterations: int = 40) -> list[Solution]:
+    """Find joint positions that put the carrier frame at a pose, from several starts that do not affect each other.
+
+    Args:
+        robot: the arm.
+        position: desired position in the world (3,) [m].
+        rotation: desired rotation into the world (3, 3).
+        starts: joint positions to start from (S, n).
+        iterations: largest number of steps.
+
+    Returns:
+        The positions after the last step, whether or not they reach the pose, one for each start.
+    """
+    q = np.array(starts, dtype=float)
+    found: list[Solution | None] = [None] * len(q)
+    left = list(range(len(q)))
     for _ in range(iterations):
-        p, R, J = robot.carrier_jacobian(q)
-        error = np.concatenate((position - p, rotation_vector(rotation @ R.T)))
-        solution = Solution(q, math.hypot(*error[:3]), math.hypot(*error[3:]))
-        if solution.converged:
+        jacobians, errors, going = [], [], []
+        for i in left:
+            p, R, J = robot.carrier_jacobian(q[i])
+            error = np.concatenate((position - p, rotation_vector(rotation @ R.T)))
+            solution = Solution(q[i].copy(), math.hypot(*error[:3]), math.hypot(*error[3:]))
+            found[i] = solution
+            if not solution.converged:
+                going.append(i)
+                jacobians.append(J)
+                errors.append(error)
+        left = going
+        if not left:
             break
-        step = _damped_step(J, error)
-        q = q + step * min(1.0, LONGEST_STEP / max(np.abs(step).max(), LONGEST_STEP))
-    return solution
+        steps = _damped_steps(np.array(jacobians), np.array(errors))
+        longest = np.maximum(np.abs(steps).max(axis=1), LONGEST_STEP)
+        q[left] += steps * (LONGEST_STEP / longest)[:, None]
+    return [solution for solution in found if solution is not None]
 
 
 def solve_from_everywhere(robot: Robot, position: Array, rotation: Array) -> list[Solution]:
@@ -86,8 +114,7 @@ def solve_from_everywhere(robot: Robot, position: Array, rotation: Array) -> lis
         The solutions, nearest first; those that reach the pose differ from one another.
     """
     solutions: list[Solution] = []
-    for seed in spread(robot, SEEDS):
-        solution = solve_pose(robot, position, rotation, seed)
+    for solution in solve_from(robot, position, rotation, spread(robot, SEEDS)):
         if not any(_same(robot, solution, other) for other in solutions):
             solutions.append(solution)
     return sorted(solutions, key=lambda solution: solution.distance + solution.angle)
@@ -107,11 +134,13 @@ def rotation_vector(R: Array) -> Array:
     return np.array((x * scale, y * scale, z * scale))
 
 
-def _damped_step(J: Array, error: Array) -> Array:
-    damping = DAMPING * float(error @ error) + 1e-14
-    if J.shape[1] > J.shape[0]:
-        return np.asarray(J.T @ np.linalg.solve(J @ J.T + damping * np.eye(J.shape[0]), error))
-    return np.asarray(np.linalg.solve(J.T @ J + damping * np.eye(J.shape[1]), J.T @ error))
+def _damped_steps(J: Array, error: Array) -> Array:
+    """Return the steps (S, n) for Jacobians (S, 6, n) and errors (S, 6)."""
+    transposed, columns = J.transpose(0, 2, 1), error[:, :, None]
+    damping = (DAMPING * (error[:, None] @ columns) + 1e-14) * np.eye(min(J.shape[1:]))
+    if J.shape[2] > J.shape[1]:
+        return np.asarray((transposed @ np.linalg.solve(J @ transposed + damping, columns))[:, :, 0])
+    return np.asarray(np.linalg.solve(transposed @ J + damping, transposed @ columns)[:, :, 0])
 
 
 def spread(robot: Robot, count: int) -> Array:
@@ -126,8 +155,9 @@ def spread(robot: Robot, count: int) -> Array:
     return np.asarray(lower + (upper - lower) * _halton(count, robot.n))
 
 
+@cache
 def _halton(count: int, dimensions: int) -> Array:
-    """Return the first points of the Halton sequence in the unit cube after 0, (count, dimensions)."""
+    """Return the first points of the Halton sequence in the unit cube after 0, (count, dimensions); read-only."""
     primes = [p for p in range(2, 1000) if all(p % divisor for divisor in range(2, math.isqrt(p) + 1))]
     points = np.zeros((count, dimensions))
     for column, base in enumerate(primes[:dimensions]):
@@ -136,6 +166,7 @@ def _halton(count: int, dimensions: int) -> Array:
             digit /= base
             points[:, column] += digit * (index % base)
             index = index // base
+    points.setflags(write=False)
     return points
 
 
