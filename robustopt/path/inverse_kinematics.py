@@ -78,26 +78,22 @@ def solve_from(robot: Robot, position: Array, rotation: Array, starts: Array, it
         The positions after the last step, whether or not they reach the pose, one for each start.
     """
     q = np.array(starts, dtype=float)
-    found: list[Solution | None] = [None] * len(q)
+    jacobians, errors = np.empty((len(q), 6, q.shape[1])), np.empty((len(q), 6))
+    lengths = [(math.inf, math.inf)] * len(q)
     left = list(range(len(q)))
-    for _ in range(iterations):
-        jacobians, errors, going = [], [], []
+    for k in range(iterations):
         for i in left:
-            p, R, J = robot.carrier_jacobian(q[i])
-            error = np.concatenate((position - p, rotation_vector(rotation @ R.T)))
-            solution = Solution(q[i].copy(), math.hypot(*error[:3]), math.hypot(*error[3:]))
-            found[i] = solution
-            if not solution.converged:
-                going.append(i)
-                jacobians.append(J)
-                errors.append(error)
-        left = going
-        if not left:
+            p, R, jacobians[i] = robot.carrier_jacobian(q[i])
+            errors[i, :3], errors[i, 3:] = position - p, rotation_vector(rotation @ R.T)
+            error = errors[i].tolist()
+            lengths[i] = math.hypot(*error[:3]), math.hypot(*error[3:])
+        left = [i for i in left if max(lengths[i]) >= ACCURACY]
+        if not left or k == iterations - 1:
             break
-        steps = _damped_steps(np.array(jacobians), np.array(errors))
+        steps = _damped_steps(jacobians[left], errors[left])
         longest = np.maximum(np.abs(steps).max(axis=1), LONGEST_STEP)
         q[left] += steps * (LONGEST_STEP / longest)[:, None]
-    return [solution for solution in found if solution is not None]
+    return [Solution(qi, *length) for qi, length in zip(q, lengths, strict=True)]
 
 
 def solve_from_everywhere(robot: Robot, position: Array, rotation: Array) -> list[Solution]:
@@ -114,9 +110,11 @@ def solve_from_everywhere(robot: Robot, position: Array, rotation: Array) -> lis
         The solutions, nearest first; those that reach the pose differ from one another.
     """
     solutions: list[Solution] = []
+    known = np.empty((0, robot.n))
     for solution in solve_from(robot, position, rotation, spread(robot, SEEDS)):
-        if not any(_same(robot, solution, other) for other in solutions):
+        if not solution.converged or not _near(robot, solution.q, known):
             solutions.append(solution)
+            known = np.array([other.q for other in solutions if other.converged]).reshape(-1, robot.n)
     return sorted(solutions, key=lambda solution: solution.distance + solution.angle)
 
 
@@ -126,8 +124,9 @@ def rotation_vector(R: Array) -> Array:
     Args:
         R: rotation matrix (3, 3).
     """
-    x, y, z = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
-    sine, cosine = math.sqrt(x * x + y * y + z * z) / 2, (R[0, 0] + R[1, 1] + R[2, 2] - 1) / 2
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = R.tolist()
+    x, y, z = zy - yz, xz - zx, yx - xy
+    sine, cosine = math.sqrt(x * x + y * y + z * z) / 2, (xx + yy + zz - 1) / 2
     if sine < 1e-4 and cosine < 0:
         return np.array(Rotation.from_matrix(R).as_rotvec())
     scale = math.atan2(sine, cosine) / (2 * sine) if sine > 1e-9 else 0.5
@@ -170,7 +169,8 @@ def _halton(count: int, dimensions: int) -> Array:
     return points
 
 
-def _same(robot: Robot, one: Solution, other: Solution) -> bool:
-    difference = one.q - other.q
+def _near(robot: Robot, q: Array, others: Array) -> bool:
+    """Return whether a joint position (n,) is one of several (k, n), but for full turns."""
+    difference = q - others
     difference = np.where(robot.hinges, (difference + np.pi) % (2 * np.pi) - np.pi, difference)
-    return one.converged and other.converged and bool(np.abs(difference).max() < 1e-3)
+    return bool((np.abs(difference).max(axis=1) < 1e-3).any())

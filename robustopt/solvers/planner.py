@@ -81,7 +81,7 @@ class Planner:
             include=set(OF_POSES if joints is None else OF_JOINTS), exclude_defaults=True, exclude_none=True
         )
         if joints is not None:
-            return with_values(self.config, {"path": {**kept, "joints": np.asarray(joints, dtype=float)}})
+            return with_values(self.config, {"path": {**kept, "joints": np.asarray(joints, dtype=float).tolist()}})
         key = "tool_poses" if self.config.tray is None else "tray_poses"
         plain = [
             pose.model_dump(exclude_none=True) if isinstance(pose, FramePose) else dict(pose) for pose in poses or ()
