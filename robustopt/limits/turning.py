@@ -45,7 +45,7 @@ def carrier_rates(robot: Robot, path: Path) -> Array:
     if not robot.has_carrier:
         return np.zeros((0, 2, 3))
     s = path.fine_grid()
-    _, axes, jacobians = map(np.array, zip(*map(robot.carrier_jacobian, path(s)), strict=True))
+    _, axes, jacobians = robot.carrier_jacobians(path(s))
     return np.asarray((jacobians @ path(s, 1)[:, :, None]).reshape(-1, 2, 3) @ axes)
 
 

@@ -7,6 +7,7 @@ that solves J dq = e, damped in proportion to |e|^2, so that it converges quadra
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -78,19 +79,21 @@ def solve_from(robot: Robot, position: Array, rotation: Array, starts: Array, it
         The positions after the last step, whether or not they reach the pose, one for each start.
     """
     q = np.array(starts, dtype=float)
-    jacobians, errors = np.empty((len(q), 6, q.shape[1])), np.empty((len(q), 6))
     lengths = [(math.inf, math.inf)] * len(q)
     left = list(range(len(q)))
     for k in range(iterations):
-        for i in left:
-            p, R, jacobians[i] = robot.carrier_jacobian(q[i])
-            errors[i, :3], errors[i, 3:] = position - p, rotation_vector(rotation @ R.T)
-            error = errors[i].tolist()
-            lengths[i] = math.hypot(*error[:3]), math.hypot(*error[3:])
-        left = [i for i in left if max(lengths[i]) >= ACCURACY]
+        p, R, jacobians = robot.carrier_jacobians(q[left])
+        turns = (rotation @ R.transpose(0, 2, 1)).reshape(-1, 9).tolist()
+        errors = np.concatenate((position - p, [rotation_vector(turn) for turn in turns]), axis=1)
+        far = []
+        for row, (i, (x, y, z, rx, ry, rz)) in enumerate(zip(left, errors.tolist(), strict=True)):
+            lengths[i] = math.hypot(x, y, z), math.hypot(rx, ry, rz)
+            if max(lengths[i]) >= ACCURACY:
+                far.append(row)
+        left = [left[row] for row in far]
         if not left or k == iterations - 1:
             break
-        steps = _damped_steps(jacobians[left], errors[left])
+        steps = _damped_steps(jacobians[far], errors[far])
         longest = np.maximum(np.abs(steps).max(axis=1), LONGEST_STEP)
         q[left] += steps * (LONGEST_STEP / longest)[:, None]
     return [Solution(qi, *length) for qi, length in zip(q, lengths, strict=True)]
@@ -118,19 +121,20 @@ def solve_from_everywhere(robot: Robot, position: Array, rotation: Array) -> lis
     return sorted(solutions, key=lambda solution: solution.distance + solution.angle)
 
 
-def rotation_vector(R: Array) -> Array:
-    """Return the rotation vector log(R) of a rotation, (3,) [rad].
+def rotation_vector(R: Sequence[float]) -> tuple[float, float, float]:
+    """Return the rotation vector log(R) of a rotation [rad].
 
     Args:
-        R: rotation matrix (3, 3).
+        R: rotation matrix, row by row (9,).
     """
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = R.tolist()
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = R
     x, y, z = zy - yz, xz - zx, yx - xy
     sine, cosine = math.sqrt(x * x + y * y + z * z) / 2, (xx + yy + zz - 1) / 2
     if sine < 1e-4 and cosine < 0:
-        return np.array(Rotation.from_matrix(R).as_rotvec())
+        x, y, z = Rotation.from_matrix(np.reshape(R, (3, 3))).as_rotvec().tolist()
+        return x, y, z
     scale = math.atan2(sine, cosine) / (2 * sine) if sine > 1e-9 else 0.5
-    return np.array((x * scale, y * scale, z * scale))
+    return x * scale, y * scale, z * scale
 
 
 def _damped_steps(J: Array, error: Array) -> Array:
