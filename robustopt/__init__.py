@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from robustopt.errors import SolverFailed as SolverFailed
     from robustopt.exports.write import Exported as Exported
     from robustopt.limits import TimeScalingProblem as TimeScalingProblem
+    from robustopt.path.collision import Collision as Collision
     from robustopt.runs.campaign import Judgement as Judgement
     from robustopt.runs.campaign import Learned as Learned
     from robustopt.runs.campaign import learn as learn
@@ -57,6 +58,7 @@ if TYPE_CHECKING:
     from robustopt.solvers.diagnosis import Diagnosis as Diagnosis
     from robustopt.solvers.diagnosis import Remedy as Remedy
     from robustopt.solvers.diagnosis import diagnose as diagnose
+    from robustopt.solvers.planner import Planner as Planner
     from robustopt.solvers.replan import Replanned as Replanned
     from robustopt.solvers.replan import replan as replan
     from robustopt.solvers.solve import solve as solve
@@ -78,6 +80,7 @@ _NAMES = {
     ),
     "robustopt.exports.write": ("Exported",),
     "robustopt.limits": ("TimeScalingProblem",),
+    "robustopt.path.collision": ("Collision",),
     "robustopt.runs.campaign": ("Judgement", "Learned", "learn"),
     "robustopt.runs.executors": ("Executor",),
     "robustopt.runs.export_run": ("export",),
@@ -89,6 +92,7 @@ _NAMES = {
     "robustopt.solvers": ("Plan", "Status", "build_problem"),
     "robustopt.solvers.batch": ("BatchPlanner", "solve_batch"),
     "robustopt.solvers.diagnosis": ("Diagnosis", "Remedy", "diagnose"),
+    "robustopt.solvers.planner": ("Planner",),
     "robustopt.solvers.replan": ("Replanned", "replan"),
     "robustopt.solvers.solve": ("solve",),
     "robustopt.solvers.trajectory": ("Samples", "Trajectory"),

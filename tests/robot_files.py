@@ -121,7 +121,7 @@ def tray_task(joints: Joints) -> Config | None:
         path = middle + np.array([[-1.0], [1.0]]) * step
         if not _stands(robot, np.linspace(*path, 5)):
             continue
-        axes = Rotation.from_matrix(robot.carrier_jacobian(middle)[1]).inv()
+        axes = Rotation.from_matrix(robot.carrier_jacobians(middle[None])[1][0]).inv()
         pose = {"position": axes.apply([0.0, 0.0, 0.05]).tolist(), "rpy": axes.as_euler("xyz").tolist()}
         return joints.config(
             moving,
@@ -138,5 +138,5 @@ def _stands(robot: Robot, q: Array) -> bool:
     """Whether the joints can hold the robot and a load at its tool at some postures."""
     still = np.zeros_like(q)
     torque, _, _ = robot.inverse_dynamics(q, still, still)
-    load = np.array([robot.carrier_jacobian(row)[2][2] for row in q]) * LOAD * 9.81
+    load = robot.carrier_jacobians(q)[2][:, 2] * LOAD * 9.81
     return bool((np.abs(torque + load) <= MARGIN * robot.limits.torque).all())

@@ -81,7 +81,7 @@ LAYERS = [
     ["solvers"],
     ["solvers/batch", "solvers/remedies", "solvers/trajectory"],
     ["exports"],
-    ["solvers/diagnosis", "solvers/replan"],
+    ["solvers/diagnosis", "solvers/planner", "solvers/replan"],
     ["solvers/contact_forces"],
     ["certificate"],
     ["confidence"],

@@ -56,6 +56,18 @@ def single(config: Config, setting: dict[str, Any]) -> Plan:
     return solve(build_problem(with_setting(config, setting)), "reachability")
 
 
+def shared_settings(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Return a list that grows by the number of settings each time that processes share some."""
+    counts: list[int] = []
+
+    def counted(function: Any, parts: Any, *others: Any) -> Any:
+        counts.append(sum(len(part[1]) for part in parts))
+        return in_processes(function, parts, *others)
+
+    monkeypatch.setattr(batch, "in_processes", counted)
+    return counts
+
+
 @pytest.mark.parametrize("name", sorted(SETTINGS))
 def test_plans_of_a_batch_are_the_single_plans_bit_for_bit(name: str) -> None:
     config, settings = config_of(name), SETTINGS[name]
@@ -114,9 +126,7 @@ def test_processes_plan_what_one_does(monkeypatch: pytest.MonkeyPatch) -> None:
     config, rng = config_of("waiter_two_blocks"), np.random.default_rng(1)
     settings = [{"contact.friction": mu, HEIGHT: h} for mu, h in rng.uniform([0.1, -0.02], [1.0, 0.02], (40, 2))]
     alone, shared = BatchPlanner(config, workers=1), BatchPlanner(config, workers=2)
-    by_processes: list[int] = []
-    share = shared._durations_by_processes
-    monkeypatch.setattr(shared, "_durations_by_processes", lambda rest: by_processes.append(len(rest)) or share(rest))
+    by_processes = shared_settings(monkeypatch)
     assert shared.durations(settings).tobytes() == alone.durations(settings).tobytes()
     assert by_processes == [38]
     with pytest.raises(ConfigError, match="found -1") as error:
@@ -130,9 +140,7 @@ def test_processes_that_are_there_share_what_is_not_worth_starting_them(monkeypa
     monkeypatch.setattr(batch, "ALONE", (0.0, 1e9))
     monkeypatch.setattr(batch, "STARTED", (0.0, 0.0))
     planner = BatchPlanner(config, workers=2)
-    shared: list[int] = []
-    share = planner._durations_by_processes
-    monkeypatch.setattr(planner, "_durations_by_processes", lambda rest: shared.append(len(rest)) or share(rest))
+    shared = shared_settings(monkeypatch)
     end_processes()
     alone = planner.plan_durations(settings)
     assert shared == []

@@ -148,7 +148,7 @@ def test_a_rounded_corner_is_twice_continuously_differentiable(
 def _one_sided(path: PosePath, sigma: np.ndarray, h: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
     """First and second one-sided differences of position and of the turn from the first of the poses."""
     position, rotation = path.pose(sigma)
-    turned = np.array([rotation_vector(rotation[0].T @ R) for R in rotation])
+    turned = np.array([rotation_vector((rotation[0].T @ R).ravel().tolist()) for R in rotation])
     values = np.hstack((position, turned))
     velocity = (-3 * values[0] + 4 * values[1] - values[2]) / (2 * h)
     acceleration = (2 * values[0] - 5 * values[1] + 4 * values[2] - values[3]) / h**2

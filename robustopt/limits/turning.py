@@ -45,7 +45,8 @@ def carrier_rates(robot: Robot, path: Path) -> Array:
     if not robot.has_carrier:
         return np.zeros((0, 2, 3))
     s = path.fine_grid()
-    return np.array([_rates(robot, q, q1) for q, q1 in zip(path(s), path(s, 1), strict=True)])
+    _, axes, jacobians = robot.carrier_jacobians(path(s))
+    return np.asarray((jacobians @ path(s, 1)[:, :, None]).reshape(-1, 2, 3) @ axes)
 
 
 def twisted(config: Config, rates: Array) -> frozenset[str]:
@@ -65,11 +66,6 @@ def twisted(config: Config, rates: Array) -> frozenset[str]:
         and stands_alone(config, patch.object)
     }
     return frozenset(name for name, patch in own.items() if _twist(config, patch, rates) > LEAST_TWIST)
-
-
-def _rates(robot: Robot, q: Array, q1: Array) -> Array:
-    _, axes, jacobian = robot.carrier_jacobian(q)
-    return np.asarray((jacobian @ q1).reshape(2, 3) @ axes)
 
 
 def _twist(config: Config, patch: Patch, rates: Array) -> float:

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from robustopt.arrays import Array
 from robustopt.config import PathTolerance
-from robustopt.path.inverse_kinematics import solve_from_everywhere, solve_pose
+from robustopt.path.inverse_kinematics import solve_from, solve_from_everywhere, solve_pose
 from robustopt.path.pose_path import PosePath
 from robustopt.robot import Robot
 
@@ -117,28 +117,40 @@ def follow_branches(robot: Robot, path: PosePath, start: Array | None) -> list[B
     starts.sort(key=lambda q: _limit_distances(robot, q[None])[0])
     inside = [q for q in starts if _limit_distances(robot, q[None])[0] <= LIMIT_TOLERANCE]
     sigma = samples(path)
-    branches = [_follow_branch(robot, path, sigma, q) for q in (inside or starts)[:MOST_BRANCHES]]
+    branches = _followed(robot, path, sigma, (inside or starts)[:MOST_BRANCHES])
     return sorted(branches, key=lambda branch: (branch.usable, len(branch.q), branch.score), reverse=True)
 
 
-def _follow_branch(robot: Robot, path: PosePath, sigma: Array, start: Array) -> Branch:
-    """Follow the branch through `start` (n,) at the first sample over `sigma` (S,)."""
+def _followed(robot: Robot, path: PosePath, sigma: Array, starts: list[Array]) -> list[Branch]:
+    """Follow the branches through the starts (n,) at the first sample over `sigma` (S,), all in step."""
     positions, rotations = path.pose(sigma)
-    q = [np.asarray(start, dtype=float)]
-    ended_at = None
+    ways = [[start] for start in starts]
+    ends: list[float | None] = [None] * len(ways)
     for i in range(1, len(sigma)):
-        guess = q[-1] if i == 1 else 2 * q[-1] - q[-2]
-        if robot.n > 6:
-            guess = guess + RETURN * (q[0] - guess)
-        solution = solve_pose(robot, positions[i], rotations[i], guess, iterations=FOLLOWING_ITERATIONS)
-        if solution.converged and np.abs(solution.q - q[-1]).max() < LONGEST_STEP:
-            q.append(solution.q)
-            continue
-        reached, ended_at = _follow_in_small_steps(robot, path, q[-1], float(sigma[i - 1]), float(sigma[i]))
-        if ended_at is not None:
+        left = [k for k, end in enumerate(ends) if end is None]
+        if not left:
             break
-        q.append(reached)
-    followed = _turned_into_limits(robot, np.array(q))
+        guesses = np.array([_guess(robot, ways[k]) for k in left])
+        solutions = solve_from(robot, positions[i], rotations[i], guesses, FOLLOWING_ITERATIONS)
+        for k, solution in zip(left, solutions, strict=True):
+            q = ways[k]
+            if solution.converged and np.abs(solution.q - q[-1]).max() < LONGEST_STEP:
+                q.append(solution.q)
+                continue
+            reached, ends[k] = _follow_in_small_steps(robot, path, q[-1], float(sigma[i - 1]), float(sigma[i]))
+            if ends[k] is None:
+                q.append(reached)
+    return [_branch(robot, sigma, np.array(q), end) for q, end in zip(ways, ends, strict=True)]
+
+
+def _guess(robot: Robot, q: list[Array]) -> Array:
+    """Return the joint position that is expected after those of a branch so far."""
+    guess = q[-1] if len(q) == 1 else 2 * q[-1] - q[-2]
+    return guess + RETURN * (q[0] - guess) if robot.n > 6 else guess
+
+
+def _branch(robot: Robot, sigma: Array, q: Array, ended_at: float | None) -> Branch:
+    followed = _turned_into_limits(robot, q)
     violation, clearance = _limit_distances(robot, followed)
     height = float(np.mean(robot.center_of_mass(followed) @ robot.up))
     return Branch(sigma, followed, ended_at, violation, height + CLEARANCE_WEIGHT * clearance)

@@ -16,7 +16,7 @@ from robustopt.arrays import Array
 from robustopt.config import Config, PathConfig
 from robustopt.errors import PathError
 from robustopt.path.branches import LIMIT_TOLERANCE, Branch, BranchLostError, fit_branch, follow_branches
-from robustopt.path.collision import CollisionCheck
+from robustopt.path.collision import Collision, CollisionCheck
 from robustopt.path.joint_waypoints import KEY, Waypoints, joint_waypoints
 from robustopt.path.path import Path
 from robustopt.path.pose_path import PosePath, pose_path
@@ -32,27 +32,44 @@ LONGEST = 4000.0
 """Longest path whose collisions are checked [rad or m], in 200,000 positions (our choice)."""
 
 
-def build_path(config: Config, robot: Robot) -> Path:
+def build_path(config: Config, robot: Robot, collisions: bool = True) -> Path:
     """Build the path of a configuration.
 
     Args:
         config: the configuration.
         robot: the robot.
+        collisions: False to leave out the collision check, which the configuration may leave out too.
 
     Raises:
         PathError: a pose or foothold is out of reach, a joint leaves its range, the solution of the inverse kinematics
             jumps, bodies collide, or an object stands on a face that does not point up.
     """
-    path = _path(config, robot)
+    path = _path(config, robot, collisions and config.robot.collision.check)
     require_upright(config, robot, path)
     return path
 
 
-def _path(config: Config, robot: Robot) -> Path:
+def first_collision(path: Path, check: CollisionCheck) -> tuple[float, Collision] | None:
+    """Return where bodies collide first along a path, s, and their collision; None if none do.
+
+    Args:
+        path: the path.
+        check: the collision check.
+
+    Raises:
+        PathError: the path is too long to be checked.
+    """
+    s = path.fine_grid()
+    s = _thinned(s, path(s))
+    collision = check.first(path(s))
+    return None if collision is None else (float(s[collision.index]), collision)
+
+
+def _path(config: Config, robot: Robot, collisions: bool) -> Path:
     if config.path.steps is not None:
         return walking_path(config, robot)
     if config.path.joints is not None:
-        return _joint_path(config, robot)
+        return _joint_path(config, robot, collisions)
     poses = pose_path(config.path)
     start = start_position(config, robot)
     branches = follow_branches(robot, poses, start)
@@ -60,10 +77,10 @@ def _path(config: Config, robot: Robot) -> Path:
     if not usable:
         raise PathError(branch_problems(robot, poses, branches, start))
     paths = (_branch_path(robot, poses, branch, config.path) for branch in usable)
-    return _first_sound(paths, config, robot, f"path.{poses.noun}")
+    return _first_sound(paths, robot, CollisionCheck(config, robot) if collisions else None, f"path.{poses.noun}")
 
 
-def _joint_path(config: Config, robot: Robot) -> Path:
+def _joint_path(config: Config, robot: Robot, collisions: bool) -> Path:
     waypoints = joint_waypoints(config, robot.joint_names, robot.hinges)
     q, speeds = waypoints.q, _end_speeds(config, waypoints)
     pauses = config.path.pause_times
@@ -81,7 +98,7 @@ def _joint_path(config: Config, robot: Robot) -> Path:
         speeds=speeds,
     )  # fmt: skip
     try:
-        return _first_sound([path], config, robot, KEY)
+        return _first_sound([path], robot, CollisionCheck(config, robot) if collisions else None, KEY)
     except PathError as error:
         if waypoints.doubt is None:
             raise
@@ -117,19 +134,18 @@ def _branch_path(robot: Robot, poses: PosePath, branch: Branch, config: PathConf
     return Path(pieces, poses.breaks / poses.length, waypoints, poses.noun, pauses=times)
 
 
-def _first_sound(paths: Iterable[Path | str], config: Config, robot: Robot, key: str) -> Path:
+def _first_sound(paths: Iterable[Path | str], robot: Robot, check: CollisionCheck | None, key: str) -> Path:
     """Return the first path that stays within the joint limits and does not collide.
 
     Args:
         paths: candidates; a candidate that failed is a sentence.
-        config: the configuration, which says whether to check for collisions.
         robot: the robot.
+        check: the collision check, None to leave it out.
         key: key of the configuration that the error names.
 
     Raises:
         PathError: no path is sound; the error describes the first candidate.
     """
-    check = CollisionCheck(config, robot) if config.robot.collision.check else None
     objections = []
     for path in paths:
         objection = path if isinstance(path, str) else _objection(path, robot, check)
@@ -148,15 +164,13 @@ def _objection(path: Path, robot: Robot, check: CollisionCheck | None) -> str | 
     worst = int(np.argmax(beyond))
     if beyond[worst] > LIMIT_TOLERANCE:
         return f"{path.label(s[worst])}: {limit_sentence(robot, q[worst])}"
-    if check is None:
+    found = None if check is None else first_collision(path, check)
+    if found is None:
         return None
-    s = _thinned(s, q)
-    collision = check.first(path(s))
-    if collision is None:
-        return None
+    place, collision = found
     first, second = collision.bodies
     return (
-        f"{path.label(s[collision.index])}: {first} and {second} collide, {1000 * collision.depth:.1f} mm deep; "
+        f"{path.label(place)}: {first} and {second} collide, {1000 * collision.depth:.1f} mm deep; "
         f"change the path or the mounting, or, if they may touch, add [{first}, {second}] to robot.collision.exclude"
     )
 

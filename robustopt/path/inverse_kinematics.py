@@ -7,7 +7,9 @@ that solves J dq = e, damped in proportion to |e|^2, so that it converges quadra
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -60,16 +62,41 @@ def solve_pose(robot: Robot, position: Array, rotation: Array, q: Array, iterati
     Returns:
         The position after the last step, whether or not it reaches the pose.
     """
-    q = np.array(q, dtype=float)
-    for _ in range(iterations):
-        p, R, J = robot.carrier_jacobian(q)
-        error = np.concatenate((position - p, rotation_vector(rotation @ R.T)))
-        solution = Solution(q, math.hypot(*error[:3]), math.hypot(*error[3:]))
-        if solution.converged:
+    return solve_from(robot, position, rotation, np.asarray(q, dtype=float)[None], iterations)[0]
+
+
+def solve_from(robot: Robot, position: Array, rotation: Array, starts: Array, iterations: int = 40) -> list[Solution]:
+    """Find joint positions that put the carrier frame at a pose, from several starts that do not affect each other.
+
+    Args:
+        robot: the arm.
+        position: desired position in the world (3,) [m].
+        rotation: desired rotation into the world (3, 3).
+        starts: joint positions to start from (S, n).
+        iterations: largest number of steps.
+
+    Returns:
+        The positions after the last step, whether or not they reach the pose, one for each start.
+    """
+    q = np.array(starts, dtype=float)
+    lengths = [(math.inf, math.inf)] * len(q)
+    left = list(range(len(q)))
+    for k in range(iterations):
+        p, R, jacobians = robot.carrier_jacobians(q[left])
+        turns = (rotation @ R.transpose(0, 2, 1)).reshape(-1, 9).tolist()
+        errors = np.concatenate((position - p, [rotation_vector(turn) for turn in turns]), axis=1)
+        far = []
+        for row, (i, (x, y, z, rx, ry, rz)) in enumerate(zip(left, errors.tolist(), strict=True)):
+            lengths[i] = math.hypot(x, y, z), math.hypot(rx, ry, rz)
+            if max(lengths[i]) >= ACCURACY:
+                far.append(row)
+        left = [left[row] for row in far]
+        if not left or k == iterations - 1:
             break
-        step = _damped_step(J, error)
-        q = q + step * min(1.0, LONGEST_STEP / max(np.abs(step).max(), LONGEST_STEP))
-    return solution
+        steps = _damped_steps(jacobians[far], errors[far])
+        longest = np.maximum(np.abs(steps).max(axis=1), LONGEST_STEP)
+        q[left] += steps * (LONGEST_STEP / longest)[:, None]
+    return [Solution(qi, *length) for qi, length in zip(q, lengths, strict=True)]
 
 
 def solve_from_everywhere(robot: Robot, position: Array, rotation: Array) -> list[Solution]:
@@ -86,32 +113,37 @@ def solve_from_everywhere(robot: Robot, position: Array, rotation: Array) -> lis
         The solutions, nearest first; those that reach the pose differ from one another.
     """
     solutions: list[Solution] = []
-    for seed in spread(robot, SEEDS):
-        solution = solve_pose(robot, position, rotation, seed)
-        if not any(_same(robot, solution, other) for other in solutions):
+    known = np.empty((0, robot.n))
+    for solution in solve_from(robot, position, rotation, spread(robot, SEEDS)):
+        if not solution.converged or not _near(robot, solution.q, known):
             solutions.append(solution)
+            known = np.array([other.q for other in solutions if other.converged]).reshape(-1, robot.n)
     return sorted(solutions, key=lambda solution: solution.distance + solution.angle)
 
 
-def rotation_vector(R: Array) -> Array:
-    """Return the rotation vector log(R) of a rotation, (3,) [rad].
+def rotation_vector(R: Sequence[float]) -> tuple[float, float, float]:
+    """Return the rotation vector log(R) of a rotation [rad].
 
     Args:
-        R: rotation matrix (3, 3).
+        R: rotation matrix, row by row (9,).
     """
-    x, y, z = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
-    sine, cosine = math.sqrt(x * x + y * y + z * z) / 2, (R[0, 0] + R[1, 1] + R[2, 2] - 1) / 2
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = R
+    x, y, z = zy - yz, xz - zx, yx - xy
+    sine, cosine = math.sqrt(x * x + y * y + z * z) / 2, (xx + yy + zz - 1) / 2
     if sine < 1e-4 and cosine < 0:
-        return np.array(Rotation.from_matrix(R).as_rotvec())
+        x, y, z = Rotation.from_matrix(np.reshape(R, (3, 3))).as_rotvec().tolist()
+        return x, y, z
     scale = math.atan2(sine, cosine) / (2 * sine) if sine > 1e-9 else 0.5
-    return np.array((x * scale, y * scale, z * scale))
+    return x * scale, y * scale, z * scale
 
 
-def _damped_step(J: Array, error: Array) -> Array:
-    damping = DAMPING * float(error @ error) + 1e-14
-    if J.shape[1] > J.shape[0]:
-        return np.asarray(J.T @ np.linalg.solve(J @ J.T + damping * np.eye(J.shape[0]), error))
-    return np.asarray(np.linalg.solve(J.T @ J + damping * np.eye(J.shape[1]), J.T @ error))
+def _damped_steps(J: Array, error: Array) -> Array:
+    """Return the steps (S, n) for Jacobians (S, 6, n) and errors (S, 6)."""
+    transposed, columns = J.transpose(0, 2, 1), error[:, :, None]
+    damping = (DAMPING * (error[:, None] @ columns) + 1e-14) * np.eye(min(J.shape[1:]))
+    if J.shape[2] > J.shape[1]:
+        return np.asarray((transposed @ np.linalg.solve(J @ transposed + damping, columns))[:, :, 0])
+    return np.asarray(np.linalg.solve(transposed @ J + damping, transposed @ columns)[:, :, 0])
 
 
 def spread(robot: Robot, count: int) -> Array:
@@ -126,8 +158,9 @@ def spread(robot: Robot, count: int) -> Array:
     return np.asarray(lower + (upper - lower) * _halton(count, robot.n))
 
 
+@cache
 def _halton(count: int, dimensions: int) -> Array:
-    """Return the first points of the Halton sequence in the unit cube after 0, (count, dimensions)."""
+    """Return the first points of the Halton sequence in the unit cube after 0, (count, dimensions); read-only."""
     primes = [p for p in range(2, 1000) if all(p % divisor for divisor in range(2, math.isqrt(p) + 1))]
     points = np.zeros((count, dimensions))
     for column, base in enumerate(primes[:dimensions]):
@@ -136,10 +169,12 @@ def _halton(count: int, dimensions: int) -> Array:
             digit /= base
             points[:, column] += digit * (index % base)
             index = index // base
+    points.setflags(write=False)
     return points
 
 
-def _same(robot: Robot, one: Solution, other: Solution) -> bool:
-    difference = one.q - other.q
+def _near(robot: Robot, q: Array, others: Array) -> bool:
+    """Return whether a joint position (n,) is one of several (k, n), but for full turns."""
+    difference = q - others
     difference = np.where(robot.hinges, (difference + np.pi) % (2 * np.pi) - np.pi, difference)
-    return one.converged and other.converged and bool(np.abs(difference).max() < 1e-3)
+    return bool((np.abs(difference).max(axis=1) < 1e-3).any())

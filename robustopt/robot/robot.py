@@ -109,22 +109,26 @@ class Robot:
             rotation[i] = data.site_xmat[site]
         return position, rotation.reshape(-1, 3, 3)
 
-    def carrier_jacobian(self, q: Array) -> tuple[Array, Array, Array]:
-        """Return the carrier frame and its Jacobian in the world at one set of coordinates.
+    def carrier_jacobians(self, q: Array) -> tuple[Array, Array, Array]:
+        """Return the carrier frame and its Jacobian in the world.
 
         Args:
-            q: coordinates (n,).
+            q: coordinates (P, n).
 
         Returns:
-            Position (3,) [m], rotation (3, 3), and the Jacobian (6, n) of the origin, linear then angular, world axes.
+            Position (P, 3) [m], rotation (P, 3, 3), and the Jacobian (P, 6, n) of the origin, linear then angular,
+            world axes.
         """
         model, data, site = self._model, self._data, self._carrier()
-        jacobian = np.empty((6, self.n))
-        data.qpos[:] = q
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], site)
-        return data.site_xpos[site].copy(), data.site_xmat[site].reshape(3, 3).copy(), jacobian
+        position, rotation, jacobian = np.empty((len(q), 3)), np.empty((len(q), 9)), np.empty((len(q), 6, self.n))
+        now, turn, coordinates = data.site_xpos[site], data.site_xmat[site], data.qpos
+        for i, (linear, angular) in enumerate(zip(jacobian[:, :3], jacobian[:, 3:], strict=True)):
+            coordinates[:] = q[i]
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            mujoco.mj_jacSite(model, data, linear, angular, site)
+            position[i], rotation[i] = now, turn
+        return position, rotation.reshape(-1, 3, 3), jacobian
 
     def center_of_mass(self, q: Array) -> Array:
         """Return the centre of mass of the robot in the world, (P, 3) [m].

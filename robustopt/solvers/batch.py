@@ -11,10 +11,10 @@ from __future__ import annotations
 import difflib
 import pickle
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, lru_cache
 from math import ceil
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -28,6 +28,8 @@ from robustopt.limits import TimeScalingProblem, rows_along
 from robustopt.limits.track import Track
 from robustopt.processes import begun, cores, in_processes
 from robustopt.solvers import Plan, Status, solve, track_of
+
+Item = TypeVar("Item")
 
 Setting = Mapping[str, float | Sequence[float]]
 """Values by configuration key, such as {"contact.friction.upper": 0.3, "uncertainty.center_of_mass.upper.2": 0.01}."""
@@ -112,21 +114,7 @@ class BatchPlanner:
             ConfigError: a key cannot vary, or a value is not allowed.
             SolverFailed: the solver stops without an answer.
         """
-        found = [self._duration(setting) for setting in settings[:1]]  # makes the track, which is not part of the pace
-        began = time.perf_counter()
-        for count, setting in enumerate(settings[1:], 1):
-            found.append(self._duration(setting))
-            spent, left = time.perf_counter() - began, len(settings) - len(found)
-            alone, worthwhile = STARTED if begun(self.workers) else ALONE
-            if self.workers > 1 and spent > alone and left * spent / count > worthwhile:
-                return np.array(found + self._durations_by_processes(settings[-left:]))
-        return np.array(found)
-
-    def _durations_by_processes(self, settings: Sequence[Setting]) -> list[float]:
-        size = ceil(len(settings) / (PARTS * self.workers))
-        task = pickle.dumps(self.config)
-        parts = [(task, list(settings[i : i + size])) for i in range(0, len(settings), size)]
-        return [duration for part in in_processes(_durations, parts, self.workers, SolverFailed) for duration in part]
+        return shared_durations(settings, self._duration, _durations, self.config, self.workers)
 
     def plans(self, settings: Sequence[Setting]) -> list[Plan]:
         """Return the plan of each setting, the same as `solve` returns by `reachability` on the grid of the batch.
@@ -154,11 +142,53 @@ class BatchPlanner:
         return solve(self.problem(setting), "reachability")
 
     def _duration(self, setting: Setting) -> float:
-        plan = self._plan(setting)
-        if plan.status not in (Status.SOLVED, Status.INFEASIBLE):
-            described = ", ".join(f"{key} = {value}" for key, value in setting.items())
-            raise SolverFailed(f"no plan for {described}: {plan.message}")
-        return plan.duration
+        return known_duration(self._plan(setting), ", ".join(f"{key} = {value}" for key, value in setting.items()))
+
+
+def known_duration(plan: Plan, described: str) -> float:
+    """Return the duration of a plan, infinite if there is none [s].
+
+    Args:
+        plan: the plan.
+        described: the setting or path of the plan, in words.
+
+    Raises:
+        SolverFailed: the solver stopped without an answer.
+    """
+    if plan.status not in (Status.SOLVED, Status.INFEASIBLE):
+        raise SolverFailed(f"no plan for {described}: {plan.message}")
+    return plan.duration
+
+
+def shared_durations(
+    items: Sequence[Item],
+    duration: Callable[[Item], float],
+    of_part: Callable[[bytes, Sequence[Item]], list[float]],
+    config: Config,
+    workers: int,
+) -> Array:
+    """Return the durations of many plans, (k,) [s]; several processes share the work if it takes long enough.
+
+    Args:
+        items: settings or paths (k,).
+        duration: function that plans one item in this process and returns its duration.
+        of_part: function of a module that plans a part of the items in a worker, given the pickled configuration.
+        config: the configuration.
+        workers: largest number of processes.
+    """
+    found = [duration(item) for item in items[:1]]  # makes what all plans share, which is not part of the pace
+    began = time.perf_counter()
+    for count, item in enumerate(items[1:], 1):
+        found.append(duration(item))
+        spent, left = time.perf_counter() - began, len(items) - len(found)
+        alone, worthwhile = STARTED if begun(workers) else ALONE
+        if workers > 1 and spent > alone and left * spent / count > worthwhile:
+            size = ceil(left / (PARTS * workers))
+            task = pickle.dumps(config)
+            parts = [(task, list(items[i : i + size])) for i in range(len(found), len(items), size)]
+            shared = in_processes(of_part, parts, workers, SolverFailed)
+            return np.array(found + [value for part in shared for value in part])
+    return np.array(found)
 
 
 def _durations(task: bytes, settings: Sequence[Setting]) -> list[float]:

@@ -249,6 +249,8 @@ def _with_cuts(plan: Plan) -> TimeScalingProblem | None:
     """Return the problem with cuts where its plan violates rows of fine cones that are not imposed, None if none is."""
     problem = plan.problem
     limits = list(problem.limits.contacts)
+    if not any(limit.system.fine for limit in limits):
+        return None
     u, x, points = interval_ends(plan)
     found = False
     for k, limit in enumerate(limits):
