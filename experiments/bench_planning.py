@@ -22,6 +22,7 @@ from pathlib import Path
 import contenders
 import numpy as np
 from bench_figure import Record
+from bench_rate import control_rate
 from bench_report import HELP, NOTHING, PLAN, write_report
 from figure_3 import PAPER_FIGURE_3
 from timing import interleaved, machine_facts, spread
@@ -74,6 +75,7 @@ class Size:
         growth_turn: Time for which each of them is repeated in turn [s].
         from_source: Number of cold starts with nothing compiled.
         commands: Number of runs of each whole process.
+        rate: Arguments of `control_rate`.
     """
 
     rows: tuple[int, ...] = (100, 200, 500, 1000, 2000, 5000)
@@ -90,13 +92,14 @@ class Size:
     cold: int = 5
     from_source: int = 2
     commands: int = 5
+    rate: tuple[int, tuple[int, ...], int] = (100, (200, 1000), 1000)
     configs: tuple[str, ...] = tuple(sorted(path.stem for path in (ROOT / "configs").glob("waiter_*.yaml")))
 
 
 QUICK = Size(
     rows=(20, 40), whole=(20, 40), split=(20,), grids=(20, 40, 80), repetitions=2, growth=(20, 40),
     growth_repetitions=2, growth_turn=0.02, split_repetitions=1, settings=8, batch_repetitions=2, cold=1, from_source=0,
-    commands=1, configs=(TWO_BLOCKS, SIDE_BY_SIDE),
+    commands=1, rate=(2, (20, 40), 4), configs=(TWO_BLOCKS, SIDE_BY_SIDE),
 )  # fmt: skip
 
 
@@ -301,6 +304,11 @@ def discretisation(size: Size) -> Iterator[Record]:
             }
 
 
+def at_control_rate(size: Size) -> Iterator[Record]:
+    """Time new paths with the same settings, and the public call beside the passes."""
+    yield from control_rate(*size.rate)
+
+
 def command_line(size: Size) -> Iterator[Record]:
     """Time whole processes, beside one that does nothing, from the start of the interpreter to its end."""
     robustopt = str(Path(sys.executable).with_name("robustopt"))
@@ -327,7 +335,8 @@ def main() -> None:
     size = QUICK if arguments.quick else Size()
     began, machine = time.perf_counter(), machine_facts(PACKAGES)
     records: list[Record] = []
-    for part in (solver_stage, cold_start, whole_plan, command_line, batches, papers_split, discretisation):
+    parts = (solver_stage, cold_start, whole_plan, at_control_rate, command_line, batches, papers_split, discretisation)
+    for part in parts:
         records += part(size)
         print(f"{time.perf_counter() - began:6.1f} s  {part.__name__}", flush=True)
     for path in write_report(records, machine, arguments.out):

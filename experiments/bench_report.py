@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from bench_figure import Record, write_figure
+from bench_rate import CERTIFICATE, JOINTS, MANY, POSES, PUBLIC
 from contenders import COPP, TOPPRA
 
 from robustopt.tables import Column, Table, csv_text, markdown_text
@@ -26,7 +27,7 @@ NOISE = 0.1
 KEYS = (
     "part", "config", "uncertainty", "solver", "N", "rows", "seconds", "lower_quartile", "upper_quartile",
     "repetitions", "times_passes", "times_stage", "per_point", "duration", "longer", "excess", "import_seconds",
-    "second_seconds", "rounds", "inner_programs", "inner_seconds", "paper_seconds", "settings", "workers",
+    "second_seconds", "rounds", "inner_programs", "inner_seconds", "paper_seconds", "settings", "workers", "late",
 )  # fmt: skip
 
 INTRODUCTION = """# Planning: computing times
@@ -58,6 +59,14 @@ the robot and its path by inverse kinematics, which do not depend on N, and the 
 
 GROWTH = """How the time grows: the same calls, the grids taking turns of half a second, or of one call where it is
 longer. "Per point" is the time per collocation point against that on the first grid: linear growth is 1.
+"""
+
+CONTROL_RATE = """## Control rate
+
+One block on a tray, warm, one core. `Planner.plan` plans another path with the same settings each time: 15 joint
+waypoints, or two tray poses with inverse kinematics. "95 %" is the time within which so many calls are. Collision check
+and certificate are calls of their own. `ro.solve` has the rows already; "passes" are its compiled kernel. "All
+together" is `Planner.durations` for many joint paths.
 """
 
 COMMAND_LINE = """## Command line
@@ -96,6 +105,7 @@ def write_report(records: Sequence[Record], machine: str, folder: Path) -> list[
         COLD_START: _cold_start(records),
         WHOLE_PLAN: _whole_plan(records),
         GROWTH: _growth(records),
+        CONTROL_RATE: _control_rate(records),
         COMMAND_LINE: _command_line(records),
         BATCH: _batches(records),
         PAPERS_SPLIT: _papers_split(records),
@@ -115,7 +125,7 @@ def select(records: Iterable[Record], part: str, **entries: object) -> list[Reco
 
 def goals(records: Sequence[Record]) -> Table:
     """List the goals and their results; a goal without measurements is left out."""
-    lines = [*_stage_goals(records), *_plan_goals(records)]
+    lines = [*_stage_goals(records), *_plan_goals(records), *_rate_goals(records)]
     columns = tuple(Column(key, key) for key in ("what", "goal", "measured", "reached"))
     return Table(columns, tuple(line for line in lines if line["measured"]))
 
@@ -209,6 +219,32 @@ def _command_line(records: Sequence[Record]) -> Table:
         Column("lower_quartile", "lower quartile", ".2f"), Column("upper_quartile", "upper quartile", ".2f"),
     )  # fmt: skip
     return Table(columns, tuple(select(records, "command line")))
+
+
+def _rate_goals(records: Sequence[Record]) -> Iterator[Goal]:
+    def measured(name: str, key: str, factor: float = 1e3) -> list[float]:
+        found = select(records, "control rate", solver=name, N=GOAL_POINTS)
+        return [factor * float(record[key]) for record in found]
+
+    yield _goal(f"{JOINTS}, N = 200 [ms]", 12, measured(JOINTS, "seconds"))
+    yield _goal(f"{JOINTS}, N = 200, 95 % [ms]", 20, measured(JOINTS, "late"))
+    yield _goal(f"{POSES}, N = 200 [ms]", 25, measured(POSES, "seconds"))
+    yield _goal(f"{CERTIFICATE}, N = 200 [ms]", 60, measured(CERTIFICATE, "seconds"))
+    yield _goal(f"{PUBLIC} over its passes, N = 200, 1000", 3, measured(PUBLIC, "times_passes", 1.0))
+    several = select(records, "control rate", solver=MANY, settings=1000, workers=2)
+    yield _goal("1,000 joint paths, N = 200, 2 processes [s]", 10, [float(record["seconds"]) for record in several])
+
+
+def _control_rate(records: Sequence[Record]) -> Table:
+    columns = (
+        Column("solver", "call"), Column("N", "N"), Column("ms", "time [ms]", ".2f"),
+        Column("late_ms", "95 % [ms]", ".2f"), Column("times_passes", "times passes", ".2f"),
+        Column("settings", "paths"), Column("workers", "processes"),
+    )  # fmt: skip
+    return Table(columns, tuple(
+        {**record, "ms": 1e3 * float(record["seconds"]), "late_ms": 1e3 * float(record["late"])}
+        for record in select(records, "control rate")
+    ))  # fmt: skip
 
 
 def _batches(records: Sequence[Record]) -> Table:

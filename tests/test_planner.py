@@ -98,3 +98,14 @@ def test_wrong_paths_are_refused() -> None:
         planner.plan(np.arange(10.0).reshape(2, 5))
     with pytest.raises(ro.ConfigError, match="walking"):
         planner_of("humanoid_step").plan(np.zeros((2, 6)))
+
+
+def test_the_rest_of_a_running_plan_is_planned_with_the_settings_of_the_planner() -> None:
+    joints = waypoints(planner_of("waiter_one_block"))
+    running = planner_of("waiter_one_block").plan(joints)
+    slower = planner_of("waiter_one_block", "robot.limits.all={velocity: 0.8}")
+    new = slower.replan(running, 0.2)
+    expected = ro.replan(running, 0.2, slower.configured(joints))
+    assert new.time == expected.time
+    assert same(new.plan, expected.plan)
+    assert new.plan.duration > running.duration - new.time

@@ -26,6 +26,7 @@ from robustopt.processes import cores
 from robustopt.robot import Robot, load_robot
 from robustopt.solvers import Plan, build_rows, solve
 from robustopt.solvers.batch import known_duration, shared_durations
+from robustopt.solvers.replan import Replanned, replan
 
 OF_JOINTS, OF_POSES = ("repeated",), ("start", "blend", "tolerance")
 """Keys of the section `path` that new joint paths and new poses take from the configuration; others have defaults."""
@@ -113,6 +114,19 @@ class Planner:
             PathError: the path cannot be followed.
         """
         return solve(self.problem(joints, poses=poses))
+
+    def replan(self, running: Plan, from_time: float) -> Replanned:
+        """Plan the rest of a running plan anew with the settings of this planner; see `robustopt.solvers.replan`.
+
+        Args:
+            running: the running plan, of a task that differs in its path, limits, nominal values and intervals only.
+            from_time: time from the start of the running plan [s].
+
+        Raises:
+            Infeasible: the running plan has no timing.
+            ConfigError: `from_time` is not within the running plan, or the rest of the task is another one.
+        """
+        return replan(running, from_time, self.config.model_copy(update={"path": running.problem.config.path}))
 
     def collision(self, plan: Plan) -> tuple[float, Collision] | None:
         """Return the s at which bodies collide first along the path of a plan, and their collision; None without one.
