@@ -20,9 +20,13 @@ SWEEPS = 4
 """Rounds of the search for the worst acceleration error, each of which increases the acceleration."""
 
 
-def bodies_of(config: Config) -> tuple[str, ...]:
-    """Return the names of the bodies with Cartesian limits, whose frames `motion` must give."""
-    return tuple(name for name in config.robot.limits.cartesian or () if name != TOOL)
+def bodies_of(task: Task) -> tuple[str, ...]:
+    """Return the names of the bodies with Cartesian limits, whose frames `motion` must give.
+
+    The name `tool` is that of the tool frame if the robot carries something, else of a body.
+    """
+    carries = task.robot.has_carrier
+    return tuple(name for name in task.config.robot.limits.cartesian or () if not (carries and name == TOOL))
 
 
 def check_cartesian(world: World, task: Task, motion: Motion, at: Instants, tally: Tally) -> None:
@@ -37,8 +41,9 @@ def check_cartesian(world: World, task: Task, motion: Motion, at: Instants, tall
     """
     qd = np.sqrt(at.x) * task.path.evaluate(at.node_s, at.node_piece, 1)[at.node].T
     for name, limit in (task.config.robot.limits.cartesian or {}).items():
-        frame = motion.frames[CARRIER if name == TOOL else name]
-        arm = np.tile(_tool_in_carrier(task.config) if name == TOOL else np.zeros(3), (len(at.s), 1)).T
+        of_tool = name not in bodies_of(task)
+        frame = motion.frames[CARRIER if of_tool else name]
+        arm = np.tile(_tool_in_carrier(task.config) if of_tool else np.zeros(3), (len(at.s), 1)).T
         jacobian = frame.jacobian[:3] - np.cross(arm[:, None], frame.jacobian[3:], axis=0)
         speed = np.linalg.norm(np.einsum("int,nt->it", jacobian, qd), axis=0)
         acceleration = frame.linear + np.cross(frame.angular, arm, axis=0)

@@ -228,7 +228,7 @@ def _check(
     plan: Plan, task: Task, world: World, at: Instants, how: Level, rng: np.random.Generator, tally: Tally
 ) -> int:
     """Check all limits, and return the number of random samples."""
-    moving, joints = motion(task, at, dict.fromkeys((*world.links, *bodies_of(task.config))))
+    moving, joints = motion(task, at, dict.fromkeys((*world.links, *bodies_of(task))))
     robot, count = task.robot, len(at.s)
     limits = task.limits.torque[robot.motors]
     check_kinematics(world, joints, at.free, task.limits, tally)

@@ -6,6 +6,7 @@ Heavy packages are imported on first use.
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
     from robustopt.runs.campaign import Learned
     from robustopt.runs.execution_run import ExecutionResult
     from robustopt.runs.journal import Journal
-    from robustopt.runs.plan_run import Effort
+    from robustopt.runs.plan_run import Effort, PlanResult
     from robustopt.runs.records import Summary
     from robustopt.runs.store import NewRun
     from robustopt.simulation import Workers
@@ -76,13 +77,24 @@ def make_plan(config: Config, out: Path | None, certify: Effort, figures: bool, 
             result = plan_task(config, certify)
             stop_if_interrupted()
         with status("writing", output.silent):
-            from robustopt.report import write_figures_and_page
-
             data = write_run(result, run.folder, sys.argv[1:])
-            write_figures_and_page(result, data, run.folder, figures)
+            data = _with_figures(result, data, run, figures)
             stop_if_interrupted()
     show(data, run.place, output)
     return data.status.exit_code
+
+
+def _with_figures(result: PlanResult, data: Summary, run: NewRun, figures: bool) -> Summary:
+    """Write the page of a run and its figures; return its summary, with the time of the figures if there are any."""
+    from robustopt.report import write_figures_and_page
+    from robustopt.runs.store import SUMMARY, write_record
+
+    began = time.perf_counter()
+    write_figures_and_page(result, data, run.folder, figures)
+    if figures:
+        data = data.model_copy(update={"seconds": {**data.seconds, "figures": time.perf_counter() - began}})
+        write_record(run.folder / SUMMARY, data)
+    return data
 
 
 # Executing ------------------------------------------------------------------------------------------------
@@ -112,7 +124,6 @@ def execute_new(config: Config, out: Path | None, options: ExecutionOptions) -> 
     silent = options.output.silent
     with new_run(config.name, out) as run:
         with status("planning", silent):
-            from robustopt.report import write_figures_and_page
             from robustopt.runs.execution_run import execute_plan
             from robustopt.runs.plan_run import plan_task, write_run
 
@@ -124,7 +135,7 @@ def execute_new(config: Config, out: Path | None, options: ExecutionOptions) -> 
             data = _write_executions(result, run, options)
         else:
             data = write_run(planned, run.folder, sys.argv[1:])
-        write_figures_and_page(planned, data, run.folder, options.figures)
+        data = _with_figures(planned, data, run, options.figures)
         stop_if_interrupted()
     return _end_execution(data, run.place, options.output)
 
