@@ -44,7 +44,7 @@ _SENTENCES = {
     "failed": "The solver stopped without an answer.",
 }
 
-LOCAL_OPTIMUM = "The plan is a local optimum, because jerk is limited."
+LOCAL_OPTIMUM = "Because jerk is limited, the plan is a local optimum."
 """Sentence for a solution with jerk limits, whose program is not convex."""
 
 
