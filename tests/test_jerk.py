@@ -73,7 +73,7 @@ def test_both_formulations_have_one_optimum(name: str, jerk: float) -> None:
     own, ipopt = (limited(name, jerk, method) for method in ("reachability", "ipopt"))
     assert own.duration == pytest.approx(ipopt.duration, rel=1e-6)
     assert own.message == ipopt.message
-    assert own.message.startswith("The plan is a local optimum")
+    assert own.message.startswith("Because jerk is limited, the plan is a local optimum")
 
 
 @pytest.mark.parametrize("name", ["one_block", "two_blocks", "side_by_side"])
