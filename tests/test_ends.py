@@ -215,3 +215,20 @@ def test_a_time_outside_of_the_running_plan_is_an_error(time: float) -> None:
 def test_another_path_is_an_error() -> None:
     with pytest.raises(ro.ConfigError, match="another task"):
         ro.replan(plan_of(slide()), 0.1, slide(joints=[[0.0], [0.9]]))
+
+
+def test_figures_show_pauses(tmp_path: Any) -> None:
+    from robustopt.plotting import write_figures
+    from robustopt.plotting.cartesian import point_norms
+
+    config = slide(points=20, joints=[[0.0], [0.4], [1.0]], pauses=[{"waypoint": 1, "time": 0.5}])
+    plan = plan_of(
+        ro.with_values(config, {"robot.limits": {"all": {"jerk": 50.0}, "cartesian": {"tool": {"speed": 0.5}}}})
+    )
+    times, speed, _ = point_norms(plan, plan.problem.robot.points[0])
+    pausing = np.flatnonzero(np.diff(times) > 0.45)
+    np.testing.assert_allclose(np.diff(times)[pausing], 0.5)
+    np.testing.assert_array_equal(speed[[*pausing, *(pausing + 1)]], 0.0)
+    assert {"joints.svg", "cartesian.svg", "contacts.svg"} <= {
+        path.name for path in write_figures(plan, config, tmp_path)
+    }

@@ -33,7 +33,7 @@ class Motion:
         factor: factor k >= 1 by which the motion takes longer than the plan.
         samples: states at 0, period, 2 period, ... up to the end.
         rests: whether the robot can stand still everywhere on the path, so that all slower motions are feasible too.
-        moving: ends at which the robot moves, in words; () if it begins and ends at rest.
+        moving: ends at which the robot moves, `start` and `end`; () if it begins and ends at rest.
     """
 
     name: str
@@ -102,5 +102,5 @@ def whole_cycles(plan: Plan, period: float) -> Motion:
         factor,
         replace(samples, t=t),
         rests=bool(problem.c.max(initial=0.0) <= AT_REST),
-        moving=tuple(end for end, speed in zip(("start", "end"), problem.path.end_speeds, strict=True) if speed > 0.0),
+        moving=problem.path.moving_ends,
     )

@@ -15,11 +15,7 @@ import numpy as np
 
 from robustopt.arrays import Array, Flags, Indices
 from robustopt.config import Config
-from robustopt.limits.cartesian import (
-    PointAcceleration,
-    point_acceleration,
-    speed_names,
-)
+from robustopt.limits.cartesian import PointAcceleration, point_acceleration, speed_names
 from robustopt.limits.contact_limit import ContactLimit
 from robustopt.limits.contacts import contact_limits, torque_limit
 from robustopt.limits.laws import ContactLaw
@@ -48,7 +44,7 @@ class Limits:
         others: limits that a user has added.
         laws: contact laws that a user has given, by the name of the contact.
         points: limits of the acceleration of points.
-        speeds: limits of the speed of points between grid points, with jerk limits.
+        speeds: limits of the speeds of joints and points between grid points, with jerk limits.
     """
 
     track: Track
@@ -150,7 +146,7 @@ class TimeScalingProblem:
 
     @cached_property
     def fixed(self) -> Array:
-        """Return x where it is given, 0 at rest and the configured speed at both ends, and nan elsewhere (P,)."""
+        """Return x where it is given, 0 at rest and the square of the speed at both ends, and nan elsewhere (P,)."""
         fixed = np.where(self.rest, 0.0, np.nan)
         fixed[[0, -1]] = np.square(self.path.end_speeds)
         return fixed

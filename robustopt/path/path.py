@@ -84,6 +84,11 @@ class Path:
         self._derivatives = [[piece.derivative(order) if order else piece for order in range(4)] for piece in pieces]
         self.end_speeds = self._speeds_along(speeds)
 
+    @property
+    def moving_ends(self) -> tuple[str, ...]:
+        """Return which ends of the path, `start` and `end`, the robot passes at a speed other than 0."""
+        return tuple(end for end, speed in zip(("start", "end"), self.end_speeds, strict=True) if speed > 0.0)
+
     def with_speeds(self, start: float, end: float) -> Path:
         """Return the same path with other speeds at its ends.
 

@@ -132,7 +132,7 @@ def pose_path(path: PathConfig) -> PosePath:
     length = np.hypot(np.linalg.norm(np.diff(position, axis=0), axis=1), TURN_LENGTH * np.linalg.norm(angle, axis=1))
     _check_segments(length, angle, noun)
     velocity, turn = np.diff(position, axis=0) / length[:, None], angle / length[:, None]
-    paused = np.isin(np.arange(1, len(poses) - 1), [pause.waypoint for pause in path.pauses])
+    paused = np.isin(np.arange(1, len(poses) - 1), list(path.pause_times))
     blend, stops = _corners(velocity, turn, length, path.blend, paused)
     start = np.concatenate(([0.0], np.cumsum(length)))
     return PosePath(start, position, rotation, velocity, turn, blend, stops, noun)

@@ -49,7 +49,7 @@ def cartesian_figure(plan: Plan, title: str) -> Figure:
 
 
 def point_norms(plan: Plan, point: LimitedPoint) -> tuple[Array, Array, Array]:
-    """Return times, speed and acceleration of a point at both ends of every interval that has a length.
+    """Return times, speed and acceleration of a point at both ends of every interval that takes time, pauses included.
 
     Args:
         plan: a plan with a timing.
@@ -58,11 +58,11 @@ def point_norms(plan: Plan, point: LimitedPoint) -> tuple[Array, Array, Array]:
     Returns:
         Times [s], speed [m/s] and acceleration [m/s^2], (M,) each.
     """
-    problem = plan.problem
-    (motion,) = (own for own in problem.limits.track.points if own.point is point)
-    ends = np.flatnonzero(problem.ds > 0)[:, None] + (0, 1)
+    (motion,) = (own for own in plan.problem.limits.track.points if own.point is point)
+    times = Trajectory.from_plan(plan).times
+    ends = np.flatnonzero(np.diff(times) > 0.0)[:, None] + (0, 1)
     u = np.stack([plan.u, plan.u_end], axis=1)[ends[:, 0]].ravel()
     x, first, second = plan.x[ends.ravel()], motion.first[ends.ravel()], motion.second[ends.ravel()]
     speed = np.linalg.norm(first, axis=1) * np.sqrt(x)
     acceleration = np.linalg.norm(first * u[:, None] + second * x[:, None], axis=1)
-    return Trajectory.from_plan(plan).times[ends].ravel(), speed, acceleration
+    return times[ends].ravel(), speed, acceleration

@@ -78,7 +78,7 @@ def joint_figures(plan: Plan, title: str) -> list[Figure]:
 
 
 def joint_quantities(plan: Plan) -> tuple[Array, list[Quantity]]:
-    """Return the quantities at both ends of every interval that has a length.
+    """Return the quantities at both ends of every interval that takes time, pauses included.
 
     Without jerk limits, accelerations and torques jump at the grid points; each point has the value before and the
     value after it.
@@ -172,7 +172,7 @@ def draw_legend(figure: Figure, shrunk: bool) -> None:
 
 
 def binding(plan: Plan, limit: str) -> Flags:
-    """Return whether a limit binds on each interval that has a length, (M/2,).
+    """Return whether a limit binds on each interval that takes time, pauses included, (M/2,).
 
     Args:
         plan: the plan.

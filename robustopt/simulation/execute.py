@@ -210,9 +210,8 @@ def faster(plan: Plan, speed: float) -> Plan:
 
 def _require_rests(plan: Plan) -> None:
     """Check that the motion begins and ends at rest, as a trial does."""
-    for key, speed in zip(("start_speed", "end_speed"), plan.problem.path.end_speeds, strict=True):
-        if speed > 0.0:
-            raise ConfigError("not allowed in an execution, which begins and ends at rest; expected 0", f"path.{key}")
+    for end in plan.problem.path.moving_ends:
+        raise ConfigError("not allowed in an execution, which begins and ends at rest; expected 0", f"path.{end}_speed")
 
 
 def _require_usable(trajectory: Trajectory, execution: ExecutionConfig) -> None:

@@ -145,7 +145,7 @@ def diagnose(plan: Plan) -> Diagnosis:
         standstill=standstill(problem) == point,
         from_start=bool(np.isfinite(problem.fixed[point])) and standstill(problem) != point,
         from_rest=bool(problem.rest[point]),
-        at_speed=problem.path.end_speeds[1] > 0.0,
+        at_speed="end" in problem.path.moving_ends,
     )
 
 

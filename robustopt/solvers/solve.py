@@ -138,9 +138,8 @@ def _require_bounded(plan: Plan) -> None:
 
 def _require_rests(plan: Plan) -> None:
     """Check that a path whose jerk is limited begins and ends at rest."""
-    for key, speed in zip(("start_speed", "end_speed"), plan.problem.path.end_speeds, strict=True):
-        if speed > 0.0:
-            raise ConfigError("not allowed with jerk limits; expected 0", key=f"path.{key}")
+    for end in plan.problem.path.moving_ends:
+        raise ConfigError("not allowed with jerk limits; expected 0", key=f"path.{end}_speed")
 
 
 def _repeated(problem: TimeScalingProblem, method: str, figures: dict[str, float], outer: Outer) -> Plan:
