@@ -10,7 +10,7 @@ import pandas as pd
 from robustopt.exports.tables import columns
 from robustopt.runs.campaign import Learned
 from robustopt.runs.execution_run import sentence
-from robustopt.runs.learning_summary import row_record
+from robustopt.runs.learning_summary import row_columns
 from robustopt.runs.learning_summary import sentence as learned_sentence
 from robustopt.simulation import Executions, TrialOutcome
 from robustopt.solvers import Plan, Status
@@ -40,12 +40,13 @@ def executions_frame(executions: Executions) -> pd.DataFrame:
 
 
 def _heads(executions: Executions) -> list[str]:
-    head = ["trial", "status", "what", "t", "s", "tracking_error", "torque"]
+    head = ["trial", "status", "what", "against", "t", "s", "tracking_error", "torque"]
     return list(dict(_outcome(executions.outcomes[0]))) if executions.outcomes else head
 
 
 def _outcome(outcome: TrialOutcome) -> Iterator[tuple[str, object]]:
     yield from (("trial", outcome.trial), ("status", outcome.status.value), ("what", outcome.what))
+    yield ("against", outcome.against)
     yield from (("t", outcome.time), ("s", outcome.s))
     yield from (("tracking_error", outcome.tracking_error), ("torque", outcome.torque))
     for name, item in outcome.objects.items():
@@ -63,7 +64,7 @@ def learned_frame(learned: Learned) -> pd.DataFrame:
     Args:
         learned: the result of the learner.
     """
-    return pd.DataFrame([row_record(learned, row).model_dump(exclude_unset=True) for row in learned.rows])
+    return pd.DataFrame([row_columns(learned, row) for row in learned.rows])
 
 
 # Pages ----------------------------------------------------------------------------------------------------

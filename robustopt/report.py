@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from robustopt.evidence import Failures
 from robustopt.files import write_text
 from robustopt.page import Row, page
 from robustopt.runs.learning_table import legend, table
@@ -75,6 +76,7 @@ def sections(data: Summary) -> list[tuple[str, list[Row]]]:
     parts = [
         ("Learning", _learning(data.learning) if data.learning else []),
         ("Executions", _executions(data.executions) if data.executions else []),
+        ("Failures, at their median place and time", _failures(data)),
         ("Binding limits, share of the duration", _binding(data.binding)),
         ("Certificate", certificate_rows(data.certificate) if data.certificate else []),
         ("Why there is no plan", _diagnosis(data.diagnosis) if data.diagnosis else []),
@@ -104,16 +106,25 @@ def _learning(learning: LearningRecord) -> list[Row]:
 
 def _executions(executions: ExecutionsRecord) -> list[Row]:
     lines = [Row(name, f"{count:,}", count / executions.trials) for name, count in executions.statuses.items()]
-    first = executions.first_failure
-    if first is not None:
-        place = f"{first.status}, {first.what}, t = {first.t:.3f} s, s = {first.s:.4f}"
-        lines.append(Row("earliest failure", f"trial {first.trial}: {place}"))
     speed = "" if executions.speed == 1.0 else f", {executions.speed:g} times the plan's speed"
     lines.append(Row("duration", f"{executions.duration:.4f} s{speed}"))
     if executions.feedback is not None:
         lines.append(Row("acceleration error mean", _errors(executions.feedback.mean)))
         lines.append(Row("acceleration error deviation", _errors(executions.feedback.deviation)))
     return lines
+
+
+def _failures(data: Summary) -> list[Row]:
+    """Return a line for each kind and object that failed."""
+    if data.learning is not None:
+        total, groups = data.learning.executions, data.learning.failures
+    elif data.executions is not None:
+        total, groups = data.executions.trials, data.executions.failures
+    else:
+        return []
+    found = [Failures(group.name, group.count, group.s, group.t) for group in groups]
+    shares = {group.name: f"{group.count:,} of {total:,}" for group in found}
+    return [Row(group.name, ", ".join(filter(None, (shares[group.name], group.place)))) for group in found]
 
 
 def _errors(values: Sequence[float]) -> str:

@@ -10,8 +10,10 @@ from scenes import FLAT, scene
 
 from robustopt.config import Config
 from robustopt.config.load import dump
+from robustopt.evidence import Failure, Peak
 from robustopt.learning.learner import Belief
 from robustopt.learning.moments import Moments
+from robustopt.learning.outcomes import Executed
 from robustopt.runs import beliefs
 from robustopt.runs.journal import Execution
 from robustopt.runs.plan_run import PlanResult
@@ -65,8 +67,8 @@ class Threshold:
         errors = self.deviation * random.normal(size=(50, joints))
         moments = Moments.of_means(50, errors.mean(axis=0).tolist(), (errors**2).mean(axis=0).tolist())
         if success:
-            return Execution(number, True, "success", "", None, None, moments)
-        return Execution(number, False, "slid", "block", 0.1, 0.2, moments)
+            return Execution(number, Executed(True, moments, peaks=(Peak("block", 0.001, 0.002),)))
+        return Execution(number, Executed(False, moments, Failure("slid", "block", "tray", 0.1, 0.2)))
 
 
 _PLANS: dict[tuple[str, str, Belief], PlanResult] = {}

@@ -12,7 +12,7 @@ import pytest
 PACKAGE = Path(__file__).parent.parent / "robustopt"
 
 LAYERS = [
-    ["arrays", "compiled", "errors", "files", "models", "tasks", "views", "worker"],
+    ["arrays", "compiled", "errors", "evidence", "files", "models", "tasks", "views", "worker"],
     ["interruption"],
     ["processes"],
     ["config/document", "config/section"],

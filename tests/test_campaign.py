@@ -13,6 +13,7 @@ from robustopt.config.load import with_values
 from robustopt.errors import ConfigError, RunFolderError, SolverFailed
 from robustopt.learning.learner import Belief, End, Result
 from robustopt.learning.moments import ErrorInterval
+from robustopt.learning.outcomes import Executed
 from robustopt.runs import beliefs
 from robustopt.runs.beliefs import believing, described
 from robustopt.runs.campaign import Judgement, Learned, learn, replayed
@@ -181,7 +182,7 @@ def test_a_journal_of_another_task_is_refused(other):
 def test_a_journal_with_executions_that_nobody_asked_for_is_refused():
     journal, config = Journal.in_memory(), task("ilrobs", trials=0)
     learned = learn(config, Threshold(), journal=journal)
-    journal.add_executions(1.0, [Execution(99, True, "success", "", None, None, learned.rows[0].trial.errors)])
+    journal.add_executions(1.0, [Execution(99, Executed(True, learned.rows[0].trial.errors))])
     with pytest.raises(RunFolderError, match="does not fit"):
         replayed(learned.learner, journal)
 

@@ -384,7 +384,7 @@ def test_the_acceleration_error_is_what_the_velocity_shows():
 
 def _outcome(status: Status, time: float) -> TrialOutcome:
     what = "" if status is Status.SUCCESS else "body"
-    return TrialOutcome(0, status, what, time, 0.5, {}, 0.0, 0.0, {}, {})
+    return TrialOutcome(0, status, what, time, 0.5, "", {}, 0.0, 0.0, {}, {})
 
 
 def test_errors_count_while_the_robot_moves_up_to_the_first_failure():

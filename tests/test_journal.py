@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 
 from robustopt.errors import RunFolderError, RunInUse
+from robustopt.evidence import Failure, Peak
 from robustopt.learning.learner import Belief
 from robustopt.learning.moments import ErrorInterval, Moments
+from robustopt.learning.outcomes import Executed
 from robustopt.runs import journal as journal_module
 from robustopt.runs.journal import MANUAL, SIMULATION, Execution, Journal
 from robustopt.runs.store import JOURNAL
@@ -43,8 +45,9 @@ BELIEFS = [
 def execution(number: int, success: bool = True, moments: Moments | None = None) -> Execution:
     moments = moments or Moments(7 * number + 1, numbers(6), numbers(6))
     if success:
-        return Execution(number, True, "success", "", None, None, moments)
-    return Execution(number, False, "slid", 'a "block", ü', 0.1 + 0.2, 1 / 3, moments)
+        return Execution(number, Executed(True, moments, None, (Peak("a", 1 / 3, None),), (numbers(6), AWKWARD)))
+    failure = Failure("slid", 'a "block", ü', "tray", 0.1 + 0.2, 1 / 3)
+    return Execution(number, Executed(False, moments, failure, (Peak("a", 0.1, 5e-324), Peak("b", None, 0.2))))
 
 
 def begun(folder: Path, executor: str = SIMULATION) -> Journal:
@@ -75,9 +78,9 @@ def test_everything_reads_back_bit_for_bit_after_the_file_was_closed(tmp_path):
         assert [item for _, item in entry.executions] == done
         for (speed, found), item in zip(entry.executions, done, strict=True):
             assert speed == (1.05 if belief is BELIEFS[3] else 1.0)
-            assert bits(found.errors.total) == bits(item.errors.total)
-            assert bits(found.errors.squares) == bits(item.errors.squares)
-            assert found.outcome.success is item.success
+            assert bits(found.outcome.errors.total) == bits(item.outcome.errors.total)
+            assert bits(found.outcome.errors.squares) == bits(item.outcome.errors.squares)
+            assert found.outcome.success is item.outcome.success
 
 
 def test_errors_that_are_not_finite_read_back(tmp_path):
@@ -85,8 +88,8 @@ def test_errors_that_are_not_finite_read_back(tmp_path):
     journal.add_plan(Belief(0.5), 1.0)
     journal.add_executions(1.0, [execution(0, moments=Moments(1, (np.inf, -np.inf), (np.nan, 0.0)))])
     (_, found), *_ = next(journal.entries()).executions
-    assert bits(found.errors.total) == bits((np.inf, -np.inf))
-    assert np.isnan(found.errors.squares[0])
+    assert bits(found.outcome.errors.total) == bits((np.inf, -np.inf))
+    assert np.isnan(found.outcome.errors.squares[0])
 
 
 def test_fresh_executions_belong_to_their_plan(tmp_path):
@@ -266,7 +269,8 @@ def without_checksums(path: Path) -> None:
             connection.execute(f"DROP TABLE {table}")
         connection.executescript(OLD_TABLES)
         for table in tables:
-            for *values, _ in rows[table]:
+            for row in rows[table]:
+                values = row[: -2 if table == "executions" else -1]
                 connection.execute(f"INSERT INTO {table} VALUES ({', '.join('?' * len(values))})", values)
 
 
@@ -282,7 +286,7 @@ def test_a_journal_of_an_earlier_version_is_continued(tmp_path):
         journal.add_judgements(0, [execution(7)])
     with closing(Journal.open(tmp_path)) as journal:
         first, second = journal.entries()
-        assert [item.success for _, item in first.executions] == [True, False]
+        assert [item.outcome.success for _, item in first.executions] == [True, False]
         assert (second.belief, second.duration) == (Belief(0.25), None)
         assert journal.judgements(0) == {7: (True, "success")}
         assert journal.executor == SIMULATION

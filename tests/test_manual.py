@@ -12,16 +12,23 @@ from learning_tasks import remember_plans, task
 
 from robustopt import cli
 from robustopt.config.load import dump
+from robustopt.evidence import UNKNOWN, Failure
 from robustopt.learning.learner import Belief
 from robustopt.learning.moments import Moments
+from robustopt.learning.outcomes import Executed
 from robustopt.runs.beliefs import Planner
-from robustopt.runs.journal import Journal
+from robustopt.runs.journal import Execution, Journal
 from robustopt.runs.manual import NEXT, Manual, errors_of_log
 from robustopt.runs.store import read_summary
+from robustopt.simulation.feedback import PARTS
 from robustopt.solvers.trajectory import Trajectory
 
-TABLE_1 = "n\n\nn\n\nn\n\ny\n\nn\n\n"
-"""Failures at 1, 0.5 and 0.25, success at 0.125, failure of the same path 5 % faster; no logs."""
+TABLE_1 = "n\n\n\nn\n\n\nn\n\n\ny\n\nn\n\n\n"
+"""Failures at 1, 0.5 and 0.25, success at 0.125, failure of the same path 5 % faster; of
+the failures nothing is known, and there are no logs."""
+
+ENDS = (3, 6, 9, 11, 14)
+"""Number of answers up to the end of each execution."""
 
 
 @pytest.fixture
@@ -90,23 +97,23 @@ def test_days_later_it_goes_on_where_the_person_left(tmp_path, config_file, lear
             f"error: interrupted; all executions so far are kept: robustopt learn --resume --out {parts}\n"
         )
         assert (tmp_path / parts / NEXT).is_file()
-        told = answered - answered % 2  # an execution without the answer about its log is asked for again
-        code, _, err = learn_here("".join(answers[told:]), "--resume", "--out", parts)
+        done = sum(end <= answered for end in ENDS)  # an execution without the last answer is asked for again
+        code, _, err = learn_here("".join(answers[[0, *ENDS][done] :]), "--resume", "--out", parts)
         assert code == 0
-        assert err.startswith(f"Execution {told // 2 + 1}: run {parts}/{NEXT}")
+        assert err.startswith(f"Execution {done + 1}: run {parts}/{NEXT}")
         for name in ("iterations.csv", "executions.csv", "plan.csv"):
             assert (tmp_path / parts / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
 
 
 def test_stdin_that_is_closed_in_the_middle_keeps_what_was_told(tmp_path, config_file):
-    first = learn(tmp_path, "n\n\nn\n", "task.yaml", "--executor", "manual", "--out", "run")
+    first = learn(tmp_path, "n\n\n\nn\n", "task.yaml", "--executor", "manual", "--out", "run")
     assert first.returncode == 130
     assert "Traceback" not in first.stderr
     assert [len(entry.executions) for entry in Journal.open(tmp_path / "run").entries()] == [1, 0]
 
 
 def test_persons_and_simulations_are_never_mixed(tmp_path, config_file, learn_here):
-    assert learn_here("n\n\n", "task.yaml", "--executor", "manual", "--out", "run")[0] == 130
+    assert learn_here("n\n\n\n", "task.yaml", "--executor", "manual", "--out", "run")[0] == 130
     code, out, err = learn_here("", "--resume", "--out", "run", "--executor", "simulation")
     assert (code, out, err) == (2, "", "error: run: was begun with --executor manual; expected the same\n")
     assert len(next(Journal.open(tmp_path / "run").entries()).executions) == 1
@@ -141,21 +148,48 @@ def execute(folder, planned, person, speed=1.0):
     ("answer", "success"), [("y", True), ("YES", True), (" s ", True), ("n", False), ("failure", False)]
 )
 def test_answers(tmp_path, planned, answer, success):
-    execution = execute(tmp_path, planned, Person(answer, ""))
-    assert (execution.number, execution.success, execution.errors) == (4, success, Moments())
-    assert execution.status == ("success" if success else "failure")
+    execution = execute(tmp_path, planned, Person(answer, *([""] if success else ["", ""])))
+    failure = None if success else Failure(UNKNOWN)
+    assert execution == Execution(4, Executed(success, Moments(), failure))
+    assert execution.outcome.status == ("success" if success else "failure")
 
 
 def test_an_answer_that_is_none_is_asked_for_again(tmp_path, planned):
     person = Person("perhaps", "", "y", "")
-    assert execute(tmp_path, planned, person).success
+    assert execute(tmp_path, planned, person).outcome.success
     assert person.told[1:] == ["Found 'perhaps'; expected y or n.", "Found ''; expected y or n."]
 
 
 def test_nobody_answers(tmp_path, planned):
-    for answers in ((), ("y",), ("maybe",)):
+    for answers in ((), ("y",), ("maybe",), ("n", "block, slid")):
         with pytest.raises(KeyboardInterrupt):
             execute(tmp_path, planned, Person(*answers))
+
+
+@pytest.mark.parametrize(
+    ("answer", "kind", "what", "against", "t"),
+    [
+        ("block, tipped, 0.25", "tipped", "block", "tray", 0.25),
+        ("0.5,block", UNKNOWN, "block", "tray", 0.5),
+        (" lost contact ", "lost contact", "", "", None),
+        ("x, torque saturated", "torque saturated", "x", "", None),
+    ],
+)
+def test_what_is_known_of_a_failure_comes_in_any_order(tmp_path, planned, answer, kind, what, against, t):
+    failure = execute(tmp_path, planned, Person("n", answer, "")).outcome.failure
+    assert (failure.kind, failure.what, failure.against, failure.t) == (kind, what, against, t)
+    if t is None:
+        assert failure.s is None
+    else:
+        assert failure.s == pytest.approx(Trajectory.from_plan(planned.plan).sample(np.array([t])).s[0])
+
+
+@pytest.mark.parametrize("answer", ["blok, slid", "block, slided", "block, -1", "block, 99", "nan"])
+def test_a_failure_that_is_none_is_asked_for_again(tmp_path, planned, answer):
+    person = Person("n", answer, "block", "")
+    assert execute(tmp_path, planned, person).outcome.failure == Failure(UNKNOWN, "block", "tray")
+    wrong = answer.split(", ")[-1] if answer != "blok, slid" else "blok"
+    assert person.told[1].startswith(f"Found '{wrong}'; expected a name (block, x), a kind (slid, ")
 
 
 @pytest.mark.parametrize("speed", [1.0, 1.05])
@@ -191,7 +225,9 @@ def test_a_log_gives_the_error_of_its_samples_of_motion(tmp_path, trajectory):
     planned = np.zeros(301)
     planned[moving] = trajectory.sample(times[moving]).qdd[:, 0]
     errors = np.where(moving, np.random.default_rng(0).normal(0.1, 0.3, 301), 50.0)
-    found = errors_of_log(log(tmp_path / "log.csv", times, planned + errors), trajectory, ("x",))
+    found, series = errors_of_log(log(tmp_path / "log.csv", times, planned + errors), trajectory, ("x",))
+    assert np.mean(series) == pytest.approx(errors[moving].mean(), abs=0.01)
+    assert len(series) == PARTS
     assert found.count == moving.sum()
     assert found.mean[0] == pytest.approx(errors[moving].mean())
     assert found.deviation[0] == pytest.approx(errors[moving].std())
@@ -199,16 +235,33 @@ def test_a_log_gives_the_error_of_its_samples_of_motion(tmp_path, trajectory):
 
 def test_columns_may_stand_in_any_order_among_others(tmp_path, trajectory):
     (tmp_path / "log.csv").write_text("qdd_x,q_x,t\n1.0,99,0.1\n3.0,99,0.2\n")
-    found = errors_of_log(tmp_path / "log.csv", trajectory, ("x",))
+    found, _ = errors_of_log(tmp_path / "log.csv", trajectory, ("x",))
     planned = trajectory.sample(np.array([0.1, 0.2])).qdd[:, 0]
     assert found.count == 2
     assert found.mean[0] == pytest.approx(2.0 - planned.mean())
 
 
+@pytest.mark.parametrize("kind", ["q", "qd"])
+def test_accelerations_are_differentiated_from_positions_or_velocities(tmp_path, trajectory, kind):
+    """The joint oscillates about the plan by 1 mm at 3 Hz; samples are every 4 ms, give or take 1 ms."""
+    times = np.linspace(0.0, trajectory.duration, round(trajectory.duration / 0.004))
+    times[1:-1] += np.random.default_rng(0).uniform(-0.001, 0.001, len(times) - 2)
+    turn = 2 * np.pi * 3.0
+    swing = {"q": np.sin(turn * times), "qd": turn * np.cos(turn * times)}[kind]
+    values = getattr(trajectory.sample(times), kind)[:, 0] + 0.001 * swing
+    found, series = errors_of_log(log(tmp_path / "log.csv", times, values, f"t,{kind}_x"), trajectory, ("x",))
+    assert found.deviation[0] == pytest.approx(0.001 * turn**2 / np.sqrt(2), rel=0.1)
+    middle = (np.arange(PARTS) + 0.5) / PARTS * trajectory.duration
+    wanted = -0.001 * turn**2 * np.sin(turn * middle)
+    np.testing.assert_allclose(np.array(series)[2:-2, 0], wanted[2:-2], atol=0.1)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "no column t, qdd_x; expected the columns t, qdd_x"),
+        ("t,q_x\n0.1,1\n0.2,1\n", "expected 8 or more samples"),
+        ("t,qd_x\n" + "0.1,1\n" * 9, "times that do not rise"),
+        ("", "no column t, qdd_x; expected the columns t, qdd_x, or those of qdd, qd or q"),
         ("t,qdd_other\n0.1,1\n", "no column qdd_x"),
         ("t,qdd_x\n", "no samples"),
         ("t,qdd_x\n0.1,fast\n", "a line has a cell that is not a number"),
@@ -228,9 +281,9 @@ def test_a_bad_log_is_said_and_asked_for_again(tmp_path, planned):
     (tmp_path / "binary.csv").write_bytes(b"t,qdd_x\n\xff\xfe\n")
     good = log(tmp_path / "good.csv", np.array([0.1]), np.array([2.0]))
     names = ["missing.csv", ".", "bad.csv", "binary.csv", "good.csv"]
-    person = Person("n", *(str(tmp_path / name) for name in names))
-    execution = execute(tmp_path, planned, person)
-    assert execution.errors == errors_of_log(good, Trajectory.from_plan(planned.plan), ("x",))
+    person = Person("y", *(str(tmp_path / name) for name in names))
+    shown = execute(tmp_path, planned, person).outcome
+    assert (shown.errors, shown.error_series) == errors_of_log(good, Trajectory.from_plan(planned.plan), ("x",))
     said = person.told[1:]
     assert len(said) == 4
     assert said[0] == f"{tmp_path}/missing.csv: cannot be read: No such file or directory"
@@ -241,6 +294,6 @@ def test_logs_move_the_interval_of_the_error(tmp_path, planned):
     trajectory = Trajectory.from_plan(planned.plan)
     times = np.linspace(0.0, trajectory.duration, 200)
     path = log(tmp_path / "log.csv", times, trajectory.sample(times).qdd[:, 0] + 0.25)
-    errors = execute(tmp_path, planned, Person("y", str(path))).errors
+    errors = execute(tmp_path, planned, Person("y", str(path))).outcome.errors
     assert errors.mean[0] == pytest.approx(0.25)
     assert errors.deviation[0] == pytest.approx(0.0, abs=1e-6)

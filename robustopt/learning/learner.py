@@ -21,6 +21,7 @@ from typing import Any, ClassVar, Generic, TypeVar
 from pydantic import TypeAdapter
 
 from robustopt.errors import RobustOptError
+from robustopt.evidence import Failure, Failures, grouped
 from robustopt.learning.moments import ErrorInterval, Moments, Values
 from robustopt.learning.outcomes import Belief, End, Executed, Outcome, Planned, Request, Result
 
@@ -51,6 +52,7 @@ class Trial:
         failures: number of executions at planned speed that failed.
         sped_up: success of the execution that is sped up; None without one.
         errors: acceleration errors of the executions at planned speed.
+        failed: the first failures of these executions, as far as they are known.
     """
 
     belief: Belief
@@ -59,6 +61,7 @@ class Trial:
     failures: int = 0
     sped_up: bool | None = None
     errors: Moments = field(default_factory=Moments)
+    failed: tuple[Failure, ...] = ()
 
     @property
     def executions(self) -> int:
@@ -98,7 +101,7 @@ class Row:
     gap: float | None = None
     contradictions: int | None = None
 
-    def record(self) -> dict[str, float | int | str | bool | Values | dict[str, float] | None]:
+    def record(self) -> dict[str, float | int | str | bool | Values | dict[str, float] | tuple[Failures, ...] | None]:
         """Return the columns of the paper's Table 1, and the figures behind them, as plain values."""
         trial = self.trial
         error = trial.belief.error or ErrorInterval()
@@ -122,6 +125,7 @@ class Row:
             "gap": self.gap,
             "contradictions": self.contradictions,
             "parameters": dict(trial.belief.parameters),
+            "failures": grouped(trial.failed),
         }
 
 
@@ -335,6 +339,7 @@ def _count(trial: Trial, outcome: Executed, speed: float) -> Trial:
         successes=trial.successes + outcome.success,
         failures=trial.failures + (not outcome.success),
         errors=trial.errors + outcome.errors,
+        failed=trial.failed if outcome.failure is None else (*trial.failed, outcome.failure),
     )
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import Enum
 
-from robustopt.learning.moments import ErrorInterval, Moments
+from robustopt.evidence import Failure, Peak
+from robustopt.learning.moments import ErrorInterval, Moments, Values
 
 
 @dataclass(frozen=True)
@@ -50,15 +51,27 @@ class Planned:
 
 @dataclass(frozen=True)
 class Executed:
-    """Outcome of one execution.
+    """Outcome of one execution, with all that it showed.
 
     Attributes:
         success: whether it succeeded.
         errors: acceleration errors of the samples taken during the motion; empty if none were measured.
+        failure: the first failure, as far as it is known; None for a success.
+        peaks: largest movement of each object; empty if it was not measured.
+        error_series: mean acceleration error in each of the equal parts of the motion that were completed, (k, n)
+            [rad/s^2 or m/s^2]; empty if it was not measured.
     """
 
     success: bool
     errors: Moments = field(default_factory=Moments)
+    failure: Failure | None = None
+    peaks: tuple[Peak, ...] = ()
+    error_series: tuple[Values, ...] = ()
+
+    @property
+    def status(self) -> str:
+        """How it ended, in a word or two."""
+        return "success" if self.success else (self.failure or Failure()).kind
 
 
 Outcome = Planned | Executed

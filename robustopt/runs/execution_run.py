@@ -10,10 +10,11 @@ from pathlib import Path
 from robustopt.config import Config
 from robustopt.config.margin import without_margin
 from robustopt.errors import ConfigError
+from robustopt.evidence import grouped
 from robustopt.files import read_bytes, written
 from robustopt.runs.origin import unchanged_config, write_origin
 from robustopt.runs.plan_run import PLAN, PlanResult, summary, write_run
-from robustopt.runs.records import ExecutionsRecord, FeedbackRecord, FirstFailure, RunStatus, Summary
+from robustopt.runs.records import ExecutionsRecord, FailuresRecord, FeedbackRecord, FirstFailure, RunStatus, Summary
 from robustopt.runs.store import SUMMARY, require_plan, write_record
 from robustopt.runs.stored_plan import read_plan
 from robustopt.simulation import Executions, Status, Workers, execute
@@ -180,6 +181,10 @@ def _executions_record(executions: Executions) -> ExecutionsRecord:
         first_failure=None
         if first is None
         else FirstFailure(trial=first.trial, status=first.status.value, what=first.what, t=first.time, s=first.s),
+        failures=tuple(
+            FailuresRecord.model_validate(group)
+            for group in grouped(outcome.failure for outcome in executions.outcomes if outcome.failure is not None)
+        ),
         seed=executions.seed,
         speed=executions.speed,
         duration=executions.duration,

@@ -7,6 +7,7 @@ from typing import Protocol
 
 from robustopt.config import Config
 from robustopt.learning.moments import Moments
+from robustopt.learning.outcomes import Executed
 from robustopt.processes import cores
 from robustopt.runs.journal import Execution
 from robustopt.runs.plan_run import PlanResult
@@ -76,9 +77,6 @@ class Simulated:
 
 
 def _of(outcome: TrialOutcome) -> Execution:
-    failed = not outcome.success
     errors = Moments.of_means(outcome.error_steps, outcome.error_mean, outcome.error_square)
-    return Execution(
-        outcome.trial, outcome.success, outcome.status.value, outcome.what,
-        outcome.time if failed else None, outcome.s if failed else None, errors,
-    )  # fmt: skip
+    shown = Executed(outcome.success, errors, outcome.failure, outcome.peaks, outcome.error_series)
+    return Execution(outcome.trial, shown)

@@ -22,6 +22,7 @@ from typing import Any, Literal
 from pydantic import TypeAdapter, ValidationError
 
 from robustopt.errors import RunFolderError, RunInUse
+from robustopt.evidence import Failure, Peak
 from robustopt.learning.learner import Belief, Executed
 from robustopt.learning.moments import Moments
 from robustopt.runs.store import JOURNAL
@@ -49,6 +50,7 @@ CREATE TABLE executions (
     success INTEGER NOT NULL,
     status TEXT NOT NULL, what TEXT NOT NULL, t REAL, s REAL,  -- the first failure: time [s] and place on the path
     count INTEGER NOT NULL, total TEXT NOT NULL, squares TEXT NOT NULL,  -- acceleration error, as in `Moments`, JSON
+    evidence TEXT NOT NULL,         -- the rest of what it showed, JSON; earlier versions have none
     checksum TEXT NOT NULL
 );
 CREATE TABLE judgements (           -- fresh executions, which estimate the success rate of a plan
@@ -61,13 +63,24 @@ CREATE TABLE judgements (           -- fresh executions, which estimate the succ
 );
 """
 
+
+@dataclass(frozen=True)
+class _Evidence:
+    """What the column `evidence` of an execution holds; see `Failure` and `Executed`."""
+
+    against: str = ""
+    peaks: tuple[Peak, ...] = ()
+    error_series: tuple[tuple[float, ...], ...] = ()
+
+
 _BELIEF: TypeAdapter[Belief] = TypeAdapter(Belief)
+_EVIDENCE: TypeAdapter[_Evidence] = TypeAdapter(_Evidence)
 
 _ROWS: dict[str, TypeAdapter[Any]] = {
     "origin": TypeAdapter(tuple[Literal["simulation", "manual"]]),
     "plans": TypeAdapter(tuple[int, str, float | None]),
     "executions": TypeAdapter(
-        tuple[int, int, float, Literal[0, 1], str, str, float | None, float | None, int, str, str]
+        tuple[int, int, float, Literal[0, 1], str, str, float | None, float | None, int, str, str, str]
     ),
     "judgements": TypeAdapter(tuple[int, int, Literal[0, 1], str]),
 }
@@ -76,27 +89,10 @@ _ROWS: dict[str, TypeAdapter[Any]] = {
 
 @dataclass(frozen=True)
 class Execution:
-    """One execution of a plan.
-
-    Attributes:
-        number: has a random stream of its own.
-        status, what: how the execution ended, and the object, joint or contact that failed first.
-        t, s: time of that failure [s] and place on the path, None for a success.
-        errors: moments of the joint acceleration error.
-    """
+    """One execution of a plan: its number, which has a random stream of its own, and all that it showed."""
 
     number: int
-    success: bool
-    status: str
-    what: str
-    t: float | None
-    s: float | None
-    errors: Moments
-
-    @property
-    def outcome(self) -> Executed:
-        """The part of the execution that a learner is told."""
-        return Executed(self.success, self.errors)
+    outcome: Executed
 
 
 @dataclass(frozen=True)
@@ -115,7 +111,7 @@ class Journal:
         self._connection, self._path = connection, path
         self._place = "memory" if path is None else str(path)
         columns = connection.execute("SELECT name FROM pragma_table_info('executions')").fetchall()
-        self._summed = ("checksum",) in columns
+        self._summed, self._evident = (("checksum",) in columns), (("evidence",) in columns)
 
     @staticmethod
     def in_memory() -> Journal:
@@ -207,12 +203,15 @@ class Journal:
             plan: number of the plan.
             executions: the executions.
         """
-        self._write("judgements", [(plan, item.number, int(item.success), item.status) for item in executions])
+        found = [(item.number, item.outcome) for item in executions]
+        self._write("judgements", [(plan, number, int(shown.success), shown.status) for number, shown in found])
 
     def _plans(self) -> int:
         return int(self._fetch("SELECT count(*) FROM plans")[0][0])
 
     def _write(self, table: str, rows: Sequence[tuple[Any, ...]]) -> None:
+        if table == "executions" and not self._evident:
+            rows = [row[:-1] for row in rows]
         if self._summed:
             rows = [_with_checksum(row) for row in rows]
         places = ", ".join("?" * len(rows[0])) if rows else ""
@@ -263,6 +262,8 @@ class Journal:
                 if _checksum(row[:-1]) != row[-1]:
                     raise RunFolderError(f"{self._place}: damaged: {_named(table, row)}: its checksum is wrong")
             found = [row[:-1] for row in found]
+        if table == "executions" and not self._evident:
+            found = [(*row, "{}") for row in found]
         for row in found:
             try:
                 _ROWS[table].validate_python(row, strict=True)
@@ -322,15 +323,19 @@ def _named(table: str, row: tuple[Any, ...]) -> str:
 
 
 def _values(execution: Execution, plan: int, speed: float) -> tuple[Any, ...]:
-    errors = execution.errors
+    shown = execution.outcome
+    failure, errors = shown.failure or Failure(""), shown.errors
+    end = (int(shown.success), shown.status, failure.what, failure.t, failure.s)
     sums = (errors.count, json.dumps(errors.total), json.dumps(errors.squares))
-    end = (int(execution.success), execution.status, execution.what, execution.t, execution.s)
-    return (execution.number, plan, float(speed), *end, *sums)
+    evidence = _Evidence(failure.against, shown.peaks, shown.error_series)
+    return (execution.number, plan, float(speed), *end, *sums, _EVIDENCE.dump_json(evidence).decode())
 
 
 def _execution(
     number: int, success: int, status: str, what: str, t: float | None, s: float | None, count: int, total: str,
-    squares: str,
+    squares: str, evidence: str,
 ) -> Execution:  # fmt: skip
     errors = Moments(count, tuple(json.loads(total)), tuple(json.loads(squares)))
-    return Execution(number, bool(success), status, what, t, s, errors)
+    more = _EVIDENCE.validate_json(evidence)
+    failure = None if success else Failure(status, what, more.against, t, s)
+    return Execution(number, Executed(bool(success), errors, failure, more.peaks, more.error_series))

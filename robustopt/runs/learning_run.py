@@ -17,12 +17,14 @@ from typing import Any
 from robustopt.config import Config
 from robustopt.config.load import dump
 from robustopt.errors import RunFolderError
+from robustopt.evidence import Failure
 from robustopt.files import links_in, read_text, reason, written
+from robustopt.learning.outcomes import Executed
 from robustopt.runs.beliefs import Planner
 from robustopt.runs.campaign import Learned, made_again
 from robustopt.runs.execution_run import EXECUTIONS
 from robustopt.runs.journal import Journal
-from robustopt.runs.learning_summary import learning_summary, row_record
+from robustopt.runs.learning_summary import learning_summary, row_columns
 from robustopt.runs.manual import NEXT
 from robustopt.runs.origin import require_same_config, unchanged_config, write_origin
 from robustopt.runs.plan_run import FIGURES, PlanResult
@@ -188,7 +190,7 @@ def write_learning_files(result: LearningResult, folder: Path) -> Summary:
         result.planned.plan.export(folder, result.planned.config.output.period)
     _write_iterations(result.learned, folder / ITERATIONS)
     _write_executions(result.journal, folder / EXECUTIONS)
-    statuses = {item.status for entry in result.journal.entries() for _, item in entry.executions}
+    statuses = {item.outcome.status for entry in result.journal.entries() for _, item in entry.executions}
     return learning_summary(result.learned, result.planned, diverged=statuses == {Status.DIVERGED.value})
 
 
@@ -214,19 +216,27 @@ def complete(folder: Path, data: Summary) -> None:
 
 def _write_iterations(learned: Learned, path: Path) -> None:
     """Write one line per plan; lists are joined by blanks."""
-    records = [row_record(learned, row).model_dump(exclude_unset=True) for row in learned.rows]
+    records = [row_columns(learned, row) for row in learned.rows]
     _write_csv(list(dict.fromkeys(key for record in records for key in record)), records, path)
 
 
 def _write_executions(journal: Journal, path: Path) -> None:
     """Write one line per execution; every number reads back as the same floating point number."""
-    heads = ["execution", "plan", "speed", "success", "status", "what", "t", "s"]
+    heads = ["execution", "plan", "speed", "success", "status", "what", "against", "t", "s"]
     records = [
-        {**vars(item), "execution": item.number, "plan": plan, "speed": speed}
+        {"execution": item.number, "plan": plan, "speed": speed, **_shown(item.outcome)}
         for plan, entry in enumerate(journal.entries())
         for speed, item in entry.executions
     ]
-    _write_csv(heads, records, path)
+    _write_csv(list(dict.fromkeys([*heads, *(key for record in records for key in record)])), records, path)
+
+
+def _shown(outcome: Executed) -> dict[str, Any]:
+    """Return what an execution showed as the columns of `executions.csv`, but for its acceleration error."""
+    failure = outcome.failure or Failure("")
+    first = {"what": failure.what, "against": failure.against, "t": failure.t, "s": failure.s}
+    peaks = {f"{kind}_{peak.name}": getattr(peak, kind) for peak in outcome.peaks for kind in ("slip", "tilt")}
+    return {"success": outcome.success, "status": outcome.status, **first, **peaks}
 
 
 def _write_csv(heads: Sequence[str], records: Sequence[Mapping[str, Any]], path: Path) -> None:

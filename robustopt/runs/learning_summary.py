@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from math import isclose
+from typing import Any
 
 from robustopt.confidence import Reading, paper_executions, phi, probability_of_rate
 from robustopt.config import LearningConfig
+from robustopt.evidence import grouped
 from robustopt.learning.calibrated import Calibrated
 from robustopt.learning.earned import earned
 from robustopt.learning.learner import End, Result, Row
 from robustopt.runs.beliefs import described
 from robustopt.runs.campaign import Learned
 from robustopt.runs.plan_run import PlanResult, summary
-from robustopt.runs.records import Iteration, LearningRecord, RunStatus, Summary
+from robustopt.runs.records import FailuresRecord, Iteration, LearningRecord, RunStatus, Summary
 
 
 def learning_summary(learned: Learned, planned: PlanResult | None, diverged: bool) -> Summary:
@@ -58,6 +60,10 @@ def _learning_record(learned: Learned) -> LearningRecord:
         returned=row_record(learned, returned) if returned else None,
         confidence=confidence_sentence(learned),
         rows=tuple(row_record(learned, row) for row in learned.rows),
+        failures=tuple(
+            FailuresRecord.model_validate(group)
+            for group in grouped(failure for row in learned.rows for failure in row.trial.failed)
+        ),
     )
 
 
@@ -181,6 +187,18 @@ def row_record(learned: Learned, row: Row) -> Iteration:
         extra |= {"success_rate": judgement.rate, "success_low": low, "success_high": high}
         extra["fresh_statuses"] = dict(judgement.statuses)
     return Iteration.model_validate({**row.record(), **extra})
+
+
+def row_columns(learned: Learned, row: Row) -> dict[str, Any]:
+    """Return the record of a plan as the columns of `iterations.csv`.
+
+    Args:
+        learned: the learned intervals.
+        row: the row of the plan.
+    """
+    record = row_record(learned, row)
+    failures = "; ".join(f"{group.name} ({group.count})" for group in record.failures)
+    return record.model_dump(exclude_unset=True) | {"failures": failures}
 
 
 def trial_record(learned: Learned) -> Iteration | None:

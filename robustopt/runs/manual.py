@@ -8,16 +8,28 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from robustopt.arrays import Array
+from robustopt.evidence import UNKNOWN, Failure
 from robustopt.exports.tables import write_trajectory_csv
 from robustopt.files import MOST_BYTES, read_text
-from robustopt.learning.moments import Moments
+from robustopt.learning.moments import Moments, Values
+from robustopt.learning.outcomes import Executed
 from robustopt.runs.journal import Execution
 from robustopt.runs.plan_run import PlanResult
+from robustopt.scene.placement import supports
+from robustopt.simulation import Status
+from robustopt.simulation.feedback import low_passed, means_of_parts
 from robustopt.solvers.trajectory import Trajectory
 
 NEXT = "next_trajectory.csv"
+
+KINDS = tuple(status.value for status in Status if status not in (Status.SUCCESS, Status.DIVERGED))
+"""Ways in which an execution fails."""
+
+LEAST_SAMPLES = 8
+"""Smallest number of samples from which accelerations are differentiated (our choice)."""
 
 _ANSWERS = {"y": True, "yes": True, "s": True, "success": True, "n": False, "no": False, "f": False, "failure": False}
 
@@ -62,34 +74,66 @@ class Manual:
         write_trajectory_csv(plan, planned.config.output.period, path, speed)
         faster = "" if speed == 1.0 else f", {speed:g} times as fast as planned"
         self._say(f"Execution {number + 1}: run {path}, {plan.duration / speed:.4f} s{faster}.")
+        trajectory = Trajectory.from_plan(plan, speed)
         success = self._success()
-        errors = self._errors(Trajectory.from_plan(plan, speed), plan.problem.robot.joint_names)
-        return Execution(number, success, "success" if success else "failure", "", None, None, errors)
+        failure = None if success else self._failure(planned, trajectory)
+        errors, series = self._errors(trajectory, plan.problem.robot.joint_names)
+        return Execution(number, Executed(success, errors, failure, error_series=series))
 
     def _success(self) -> bool:
         while (answer := self._ask("Did it succeed? [y/n] ").strip().lower()) not in _ANSWERS:
             self._say(f"Found {answer!r}; expected y or n.")
         return _ANSWERS[answer]
 
-    def _errors(self, trajectory: Trajectory, joints: tuple[str, ...]) -> Moments:
-        while text := self._ask("Acceleration log, a CSV file (Enter for none): ").strip():
+    def _failure(self, planned: PlanResult, trajectory: Trajectory) -> Failure:
+        """Ask what is known of a failure: any of a name, a kind and a time, in any order."""
+        config, robot = planned.config, planned.plan.problem.robot
+        names = (*config.objects, *robot.contacts, *robot.joint_names)
+        example = f"{names[0]}, {KINDS[0]}, {0.5 * trajectory.duration:.2f}"
+        while True:
+            answer = self._ask(f"What failed first, how, and when [s], such as `{example}` (Enter if unknown)? ")
+            found, wrong = {"kind": UNKNOWN, "what": ""}, ""
+            t: float | None = None
+            for word in filter(None, map(str.strip, answer.split(","))):
+                if word in names:
+                    found["what"] = word
+                elif word in KINDS:
+                    found["kind"] = word
+                elif (time := _number(word)) is not None and 0.0 <= time <= trajectory.duration:
+                    t = time
+                else:
+                    wrong = word
+            if not wrong:
+                break
+            self._say(
+                f"Found {wrong!r}; expected a name ({', '.join(names)}), a kind ({', '.join(KINDS)}), or a time from 0 "
+                f"to {trajectory.duration:.4g} s."
+            )
+        what = found["what"]
+        against = " and ".join(supports(config.objects[what])) if what in config.objects else ""
+        s = None if t is None else float(trajectory.sample(np.array([t])).s[0])
+        return Failure(found["kind"], what, against, t, s)
+
+    def _errors(self, trajectory: Trajectory, joints: tuple[str, ...]) -> tuple[Moments, tuple[Values, ...]]:
+        while text := self._ask("Log of the motion, a CSV file (Enter for none): ").strip():
             try:
                 return errors_of_log(Path(text).expanduser(), trajectory, joints)
             except OSError as error:
                 self._say(f"{text}: cannot be read: {error.strerror or error}")
             except (ValueError, csv.Error) as error:
                 self._say(f"{text}: {error}")
-        return Moments()
+        return Moments(), ()
 
 
-def errors_of_log(path: Path, trajectory: Trajectory, joints: tuple[str, ...]) -> Moments:
-    """Return the moments of the executed minus the planned joint acceleration in a log.
+def errors_of_log(path: Path, trajectory: Trajectory, joints: tuple[str, ...]) -> tuple[Moments, tuple[Values, ...]]:
+    """Return the executed minus the planned joint acceleration in a log: its moments, and its means over time.
 
-    Samples before the start and after the end of the motion are left out.
+    Samples before the start and after the end of the motion are left out. The errors of velocities and
+    positions are differentiated, and low-passed as those of a simulation are.
 
     Args:
-        path: CSV with the columns t, the time since the start of the motion [s], and qdd_<joint> [rad/s^2 or m/s^2]
-            for every joint.
+        path: CSV with the columns t, the time since the start of the motion [s], and qdd_<joint>, qd_<joint> or
+            q_<joint> for every joint [rad or m, and per s or s^2]; the first of these that the file has is used.
         trajectory: that was executed.
         joints: their names.
 
@@ -97,28 +141,50 @@ def errors_of_log(path: Path, trajectory: Trajectory, joints: tuple[str, ...]) -
         ValueError: the file is not such a log.
         OSError: the file cannot be read.
     """
-    times, accelerations = _read_log(path, joints)
+    times, kind, values = _read_log(path, joints)
     moving = (times > 0) & (times < trajectory.duration)
     if not moving.any():
         raise ValueError(
             f"no sample between 0 and {trajectory.duration:.4g} s, the motion; expected times since its start"
         )
-    error = accelerations[moving] - trajectory.sample(times[moving]).qdd
-    return Moments.of_means(int(moving.sum()), error.mean(axis=0).tolist(), (error**2).mean(axis=0).tolist())
+    times = times[moving]
+    error = values[moving] - getattr(trajectory.sample(times), kind)
+    if kind != "qdd":
+        times, error = _differentiated(times, error, 1 if kind == "qd" else 2)
+    moments = Moments.of_means(len(error), error.mean(axis=0).tolist(), (error**2).mean(axis=0).tolist())
+    return moments, means_of_parts(error, times / trajectory.duration)
 
 
-def _read_log(path: Path, joints: tuple[str, ...]) -> tuple[Array, Array]:
-    """Return the times (T,) and the joint accelerations (T, n) of a log."""
+def _number(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None
+
+
+def _differentiated(times: Array, values: Array, order: int) -> tuple[Array, Array]:
+    """Return equal time steps (T,) and the low-passed derivative of some order of values (T, n) at them."""
+    if len(times) < LEAST_SAMPLES or not (np.diff(times) > 0).all():
+        raise ValueError(f"times that do not rise, or too few; expected {LEAST_SAMPLES} or more samples in order")
+    even = np.linspace(times[0], times[-1], len(times))
+    return even, low_passed(CubicSpline(times, values)(even, order), even[1] - even[0])
+
+
+def _read_log(path: Path, joints: tuple[str, ...]) -> tuple[Array, str, Array]:
+    """Return the times (T,) of a log, the kind of its columns, and their values (T, n)."""
     rows = list(csv.reader(io.StringIO(read_text(path, MOST_BYTES), newline="")))
-    wanted = ["t", *(f"qdd_{name}" for name in joints)]
-    missing = [name for name in wanted if not rows or name not in rows[0]]
-    if missing:
-        raise ValueError(f"no column {', '.join(missing)}; expected the columns {', '.join(wanted)}")
-    columns = [rows[0].index(name) for name in wanted]
+    heads = rows[0] if rows else []
+    expected = {kind: ["t", *(f"{kind}_{name}" for name in joints)] for kind in ("qdd", "qd", "q")}
+    kind = next((kind for kind, wanted in expected.items() if set(wanted) <= set(heads)), "")
+    if not kind:
+        begun = next((wanted for wanted in expected.values() if set(wanted[1:]) & set(heads)), expected["qdd"])
+        missing = ", ".join(name for name in begun if name not in heads)
+        raise ValueError(f"no column {missing}; expected the columns {', '.join(begun)}, or those of qdd, qd or q")
+    columns = [heads.index(name) for name in expected[kind]]
     try:
         values = np.array([[row[i] for i in columns] for row in rows[1:]], dtype=float)
     except (ValueError, IndexError):
         raise ValueError("a line has a cell that is not a number; expected numbers in every line") from None
     if not values.size or not np.isfinite(values).all():
         raise ValueError("no samples, or numbers that are not finite; expected finite numbers")
-    return values[:, 0], values[:, 1:]
+    return values[:, 0], kind, values[:, 1:]

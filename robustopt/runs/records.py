@@ -181,6 +181,15 @@ class FirstFailure(Record):
     s: float
 
 
+class FailuresRecord(Record):
+    """Failures of the same kind and object, as in `robustopt.evidence.Failures`."""
+
+    name: str
+    count: int
+    s: Number
+    t: Number
+
+
 class FeedbackRecord(Record):
     """Acceleration error of all trials, as in `robustopt.simulation.Feedback`."""
 
@@ -202,6 +211,7 @@ class ExecutionsRecord(Record):
     alike: bool
     statuses: dict[str, int]
     first_failure: FirstFailure | None
+    failures: tuple[FailuresRecord, ...] = ()
     seed: int
     speed: float
     duration: float
@@ -224,6 +234,7 @@ class Iteration(Record):
         error_mean, error_deviation: acceleration error of the executions.
         lower_bound, gap: of any plan that succeeds [s], and of the best plan to it, relative.
         parameters: learned values by their keys.
+        failures: of its executions, by kind and object.
         bad_luck: probability that a plan which meets the success rate in question fails like this.
         incumbent: shortest plan so far that counts as a success [s].
         fresh_trials, fresh_successes, success_rate, success_low, success_high, fresh_statuses: fresh executions.
@@ -248,6 +259,7 @@ class Iteration(Record):
     gap: float | None = None
     contradictions: int | None = None
     parameters: dict[str, float] = {}
+    failures: tuple[FailuresRecord, ...] = ()
     bad_luck: float | None = None
     incumbent: float | None = None
     fresh_trials: int | None = None
@@ -259,7 +271,7 @@ class Iteration(Record):
 
 
 class LearningRecord(Record):
-    """Result of a learner, with all its plans."""
+    """Result of a learner, with all its plans and the failures of their executions at planned speed."""
 
     algorithm: str
     end: str
@@ -271,6 +283,7 @@ class LearningRecord(Record):
     returned: Iteration | None
     confidence: str
     rows: tuple[Iteration, ...]
+    failures: tuple[FailuresRecord, ...] = ()
 
 
 # The files ------------------------------------------------------------------------------------------------

@@ -177,7 +177,9 @@ def held(holds: Sequence[Hold], model: mujoco.MjModel) -> tuple[Held, ...]:
         normals = np.repeat([patch.axes[:, 2] for patch in hold.patches], counts, axis=0)
         rigid = np.repeat([patch.law is not Law.DRIVEN_PAD for patch in hold.patches], counts)
         sensor = pose_sensor(model, hold.name, hold.holder)
-        found.append(Held(hold.name, sensor, hold.place.position, hold.place.rotation, points, normals, rigid))
+        tool = "pads" if not rigid.all() else "cup" if len(counts) == 1 else "cups"
+        holder = tool if hold.name == hold.part else hold.part
+        found.append(Held(hold.name, holder, sensor, hold.place.position, hold.place.rotation, points, normals, rigid))
     return tuple(found)
 
 

@@ -41,6 +41,10 @@ class Interface(Protocol):
     def name(self) -> str:
         """Return the name of the object, environment contact or body that it is judged with."""
 
+    @property
+    def against(self) -> str:
+        """Return what it is in contact with, in words; empty for the floating base."""
+
     def motion(self, planned: Reference, record: Record, i: int) -> Motion:
         """Return the movement in a trial.
 
@@ -77,6 +81,7 @@ class Standing:
 
     Attributes:
         name: name of the object.
+        against: name of the support.
         sensor: index in the sensor data of the object's pose in the frame of the support.
         position: planned centre in that frame (3,) [m].
         yaw: planned yaw in that frame [rad].
@@ -86,6 +91,7 @@ class Standing:
     """
 
     name: str
+    against: str
     sensor: int
     position: Array
     yaw: float
@@ -124,6 +130,7 @@ class Held:
 
     Attributes:
         name: name of the part, or of the hand that holds the tray.
+        against: what holds it, in words.
         sensor: index of the part's pose in the sensor data.
         position: planned centre of the part (3,) [m].
         rotation: planned axes of the part as columns (3, 3).
@@ -133,6 +140,7 @@ class Held:
     """
 
     name: str
+    against: str
     sensor: int
     position: Array
     rotation: Array
@@ -232,6 +240,11 @@ class Grounded:
     stands: tuple[Stand, ...]
     leaves: bool
 
+    @property
+    def against(self) -> str:
+        """Return what it is in contact with."""
+        return "rail" if self.leaves else "floor"
+
     def criteria(self, failure: FailureConfig) -> tuple[Criterion, ...]:
         """Return the ways to fail: it slips, or leaves its rail."""
         slips = (Criterion(Status.SLIPPED, "slip", failure.foot_slip),)
@@ -281,10 +294,12 @@ class Trunk:
     Attributes:
         name: name of the body of the base.
         height: planned height of the base at rest [m].
+        against: empty, because nothing touches the base.
     """
 
     name: str
     height: float
+    against: str = ""
 
     def criteria(self, failure: FailureConfig) -> tuple[Criterion, ...]:
         """Return the ways to fail: it tilts or drops too far."""

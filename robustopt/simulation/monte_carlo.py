@@ -177,7 +177,8 @@ def outcome_of(job: Job, prepared: Prepared, record: Record, i: int) -> TrialOut
     share = np.abs(record.torque[i][:, layout.dofs]) / world.torque_limit
     outcome = judge(
         trial, parameters, failure, planned, layout.motions(planned, record, i), criteria,
-        dict(zip(world.joint_names, share.T, strict=True)), np.abs(tracking_error(job, prepared, record, i)).max(),
+        layout.against(), dict(zip(world.joint_names, share.T, strict=True)),
+        np.abs(tracking_error(job, prepared, record, i)).max(),
     )  # fmt: skip
     return with_errors(outcome, world.velocities(layout, record, i), planned, job.execution.timestep)
 

@@ -171,7 +171,7 @@ def standing(config: Config, model: mujoco.MjModel) -> tuple[Standing, ...]:
             upper, lower, sensor = placed[name], placed[support], pose_sensor(model, name, body_name(support))
             step, corners = upper.planar - lower.planar, _base_corners(shape)
             position, yaw = np.r_[rotation(-lower.yaw) @ step[:2], step[2]], upper.yaw - lower.yaw
-            found.append(Standing(name, sensor, position, yaw, corners, shape.radius, lower.half_height))
+            found.append(Standing(name, support, sensor, position, yaw, corners, shape.radius, lower.half_height))
     return tuple(found)
 
 

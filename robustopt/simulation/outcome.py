@@ -11,6 +11,7 @@ import numpy as np
 
 from robustopt.arrays import Array, Flags
 from robustopt.config import FailureConfig
+from robustopt.evidence import Failure, Peak
 from robustopt.simulation.controller import Reference
 from robustopt.simulation.parameters import Parameters
 
@@ -75,6 +76,7 @@ class TrialOutcome:
         what: name of the object, contact or joint that failed first; empty if none failed.
         time: time of that failure, 0 at the start of the motion; nan without one [s].
         s: planned position along the path at that time; nan without a failure.
+        against: supports or holder that it was in contact with; empty for a joint, the base or without a failure.
         objects: outcome by name of each object, environment contact and floating base.
         tracking_error: largest distance of a joint from its reference [rad or m].
         torque: largest joint torque as a fraction of its limit.
@@ -87,6 +89,8 @@ class TrialOutcome:
         error_square: mean of its square (n,).
         error_unfiltered_mean: mean of the error before the low-pass (n,).
         error_unfiltered_square: mean of its square (n,).
+        error_series: mean of the low-passed error in each of 32 equal parts of the motion, up to the last one that
+            ended before the failure, (k, n).
     """
 
     trial: int
@@ -94,6 +98,7 @@ class TrialOutcome:
     what: str
     time: float
     s: float
+    against: str
     objects: Mapping[str, ObjectOutcome]
     tracking_error: float
     torque: float
@@ -105,11 +110,28 @@ class TrialOutcome:
     error_square: tuple[float, ...] = field(default=(), repr=False)
     error_unfiltered_mean: tuple[float, ...] = field(default=(), repr=False)
     error_unfiltered_square: tuple[float, ...] = field(default=(), repr=False)
+    error_series: tuple[tuple[float, ...], ...] = field(default=(), repr=False)
 
     @property
     def success(self) -> bool:
         """Check whether the trial succeeded; a diverged simulation is no success."""
         return self.status is Status.SUCCESS
+
+    @property
+    def failure(self) -> Failure | None:
+        """Return the first failure with its time and place, None without one."""
+        if self.success:
+            return None
+        t, s = (None if np.isnan(value) else value for value in (self.time, self.s))
+        return Failure(self.status.value, self.what, self.against, t, s)
+
+    @property
+    def peaks(self) -> tuple[Peak, ...]:
+        """Return the largest movement of each object, environment contact and floating base."""
+        return tuple(
+            Peak(name, *(None if np.isnan(value) else value for value in (item.slip, item.tilt)))
+            for name, item in self.objects.items()
+        )
 
 
 @dataclass(frozen=True)
@@ -132,7 +154,8 @@ class Criterion(NamedTuple):
 
 def judge(
     trial: int, parameters: Parameters, failure: FailureConfig, planned: Reference, motions: Mapping[str, Motion],
-    criteria: Mapping[str, Sequence[Criterion]], torque: Mapping[str, Array], tracking_error: float,
+    criteria: Mapping[str, Sequence[Criterion]], against: Mapping[str, str], torque: Mapping[str, Array],
+    tracking_error: float,
 ) -> TrialOutcome:  # fmt: skip
     """Return the outcome of a trial that did not diverge.
 
@@ -143,6 +166,7 @@ def judge(
         planned: reference of the controllers.
         motions: movement of each object, environment contact and floating base, by name.
         criteria: ways in which each of these fails, by name.
+        against: what each of these is in contact with, by name.
         torque: torque of each joint as a fraction of its limit, by name (N,).
         tracking_error: largest distance of a joint from its reference [rad or m].
     """
@@ -156,7 +180,10 @@ def judge(
     time, status, what = min(events, key=lambda event: event[0], default=(np.nan, Status.SUCCESS, ""))
     s = float(np.interp(time, planned.t, planned.s)) if what else np.nan
     largest = max(float(share.max()) for share in torque.values())
-    return TrialOutcome(trial, status, what, time, s, objects, float(tracking_error), largest, *_reported(parameters))
+    return TrialOutcome(
+        trial, status, what, time, s, against.get(what, ""), objects, float(tracking_error), largest,
+        *_reported(parameters),
+    )  # fmt: skip
 
 
 def diverged(trial: int, parameters: Parameters, names: Sequence[str]) -> TrialOutcome:
@@ -169,8 +196,9 @@ def diverged(trial: int, parameters: Parameters, names: Sequence[str]) -> TrialO
     """
     lost = ObjectOutcome(Status.DIVERGED, *[float("nan")] * 5)
     return TrialOutcome(
-        trial, Status.DIVERGED, "", np.nan, np.nan, dict.fromkeys(names, lost), np.nan, np.nan, *_reported(parameters)
-    )
+        trial, Status.DIVERGED, "", np.nan, np.nan, "", dict.fromkeys(names, lost), np.nan, np.nan,
+        *_reported(parameters),
+    )  # fmt: skip
 
 
 def _reported(actual: Parameters) -> tuple[dict[str, float], dict[str, float], dict[str, float]]:

@@ -59,6 +59,13 @@ class Layout(JointLayout):
         """
         return {item.name: item.criteria(failure) for item in self.interfaces}
 
+    def against(self) -> dict[str, str]:
+        """Return what each object, environment contact and floating base is in contact with, by name."""
+        found: dict[str, list[str]] = {}
+        for item in self.interfaces:
+            found.setdefault(item.name, []).append(item.against)
+        return {name: " and ".join(others) for name, others in found.items()}
+
 
 class World:
     """The simulated world of a task; all its models have the same layout.
