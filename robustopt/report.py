@@ -117,7 +117,8 @@ def _executions(executions: ExecutionsRecord) -> list[Row]:
 def _failures(data: Summary) -> list[Row]:
     """Return a line for each kind and object that failed."""
     if data.learning is not None:
-        total, groups = data.learning.executions, data.learning.failures
+        total = sum(row.executions - (row.sped_up is not None) for row in data.learning.rows)
+        groups = data.learning.failures
     elif data.executions is not None:
         total, groups = data.executions.trials, data.executions.failures
     else:

@@ -9,6 +9,7 @@ import pytest
 from rich.console import Console
 
 from robustopt.cli import terminal
+from robustopt.evidence import Failure, grouped
 from robustopt.report import Row, certificate_rows, print_rows, sections, write_page
 from robustopt.runs.listing import Listed
 from robustopt.runs.records import CertificateRecord, Summary
@@ -59,6 +60,22 @@ def test_limits_are_summed_up_only_if_they_are_several(count: int, last: str) ->
     ((_, rows),) = sections(summary(binding=shares))
     assert [row.name for row in rows][-1] == last
     assert sum(row.share or 0.0 for row in rows) == pytest.approx(1.0)
+
+
+def test_failures_are_summed_up_at_their_median_place_and_time() -> None:
+    tips = [Failure("tipped", "upper", "lower", t, s) for t, s in ((0.5, 0.3), (0.52, 0.31), (0.9, 0.6))]
+    groups = grouped([Failure("torque saturated", "joint1"), *tips, Failure()])
+    executions = {
+        "trials": 10, "requested": 10, "successes": 5, "confidence": 0.95, "alike": False, "first_failure": None,
+        "seed": 0, "speed": 1.0, "duration": 1.0, "feedback": None, "statuses": {"success": 5, "tipped": 5},
+        "failures": [vars(group) for group in groups],
+    }  # fmt: skip
+    shown = dict(sections(summary(kind="execution", executions=executions)))
+    assert printed(shown["Failures, at their median place and time"]) == [
+        "  tipped: upper over lower  3 of 10, s = 0.31, t = 0.52 s",
+        "  failure                   1 of 10",
+        "  torque saturated: joint1  1 of 10",
+    ]
 
 
 def test_runs_show_the_unit_and_the_minute(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
