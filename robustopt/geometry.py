@@ -54,7 +54,7 @@ def rotation(yaw: float) -> Array:
     return matrix
 
 
-def _half_planes(polygon: Array) -> tuple[Array, Array]:
+def half_planes(polygon: Array) -> tuple[Array, Array]:
     """Return outward unit normals n (n, 2) and offsets h (n,) [m] of the edges; the polygon is {p: n p <= h}."""
     edge = np.roll(polygon, -1, axis=0) - polygon
     normal = np.column_stack([edge[:, 1], -edge[:, 0]])
@@ -82,7 +82,7 @@ def clip(polygon: Array, other: Array) -> Array:
     Returns:
         Corners (k, 2) [m]; empty if the polygons do not overlap.
     """
-    return _cut(polygon, *_half_planes(other))
+    return _cut(polygon, *half_planes(other))
 
 
 def erode(polygon: Array, distance: float, yaw: float = 0.0) -> Array:
@@ -101,7 +101,7 @@ def erode(polygon: Array, distance: float, yaw: float = 0.0) -> Array:
     Returns:
         Corners (k, 2) [m]; empty if no part is certain.
     """
-    normal, offset = _half_planes(polygon)
+    normal, offset = half_planes(polygon)
     reach = distance * np.abs(normal @ rotation(yaw)).sum(axis=1)
     return _cut(polygon, normal, offset - reach)
 
@@ -116,7 +116,7 @@ def contains(polygon: Array, point: Array, tolerance: float = RESOLUTION) -> boo
     """
     if len(polygon) < 3:
         return False
-    normal, offset = _half_planes(polygon)
+    normal, offset = half_planes(polygon)
     return bool(np.all(normal @ np.asarray(point)[:2] <= offset + tolerance))
 
 

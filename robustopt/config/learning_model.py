@@ -37,6 +37,7 @@ class LearningConfig(Section):
         "bnb-midpoint",
         "bnb-diagonal",
         "bnb-informed",
+        "physics",
     ] = Field(default="ilrobs", description="algorithm of the learner; bnb-midpoint is a baseline for comparisons")
     K: Annotated[FiniteFloat, Field(ge=0, le=6)] = Field(
         default=1.0,

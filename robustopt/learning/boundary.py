@@ -187,13 +187,10 @@ def cloud(k: int, noisy: bool, points: Sequence[Point], outcomes: Sequence[bool]
 def _moved(before: Cloud, points: Array, outcomes: Flags) -> Cloud:
     """Return the posterior with the last of the executions: weight the samples, resample, and move them."""
     random = np.random.default_rng([before.k, len(points)])
-    weights = np.exp(before.log_likelihood(points[-1:], outcomes[-1:]))
-    steps = (random.random() + np.arange(len(weights))) / len(weights)
-    chosen = np.searchsorted(np.cumsum(weights) / weights.sum(), steps)
-    now = Cloud(before.z[np.minimum(chosen, len(weights) - 1)], before.noisy)
+    now = Cloud(resampled(before.z, before.log_likelihood(points[-1:], outcomes[-1:]), random), before.noisy)
     likelihood = now.log_likelihood(points, outcomes)
     for number in range(MOVES):
-        z, prior = _differences(now.z, random) if number % 2 else _autoregression(now.z, random)
+        z, prior = differences(now.z, random) if number % 2 else autoregression(now.z, random)
         moved = Cloud(z, now.noisy)
         proposed = moved.log_likelihood(points, outcomes)
         taken = np.log(random.random(len(z))) < proposed - likelihood + prior
@@ -202,7 +199,15 @@ def _moved(before: Cloud, points: Array, outcomes: Flags) -> Cloud:
     return now
 
 
-def _differences(z: Array, random: np.random.Generator) -> tuple[Array, Array]:
+def resampled(z: Array, log_weights: Array, random: np.random.Generator) -> Array:
+    """Return samples (M, d) drawn again by their weights, whose logarithms are given (M,)."""
+    weights = np.exp(log_weights)
+    steps = (random.random() + np.arange(len(weights))) / len(weights)
+    chosen = np.searchsorted(np.cumsum(weights) / weights.sum(), steps)
+    return np.asarray(z[np.minimum(chosen, len(weights) - 1)])
+
+
+def differences(z: Array, random: np.random.Generator) -> tuple[Array, Array]:
     """Propose steps along differences of other samples, in some coordinates; return the change of the log prior too."""
     one, other = z[random.permutation(len(z))], z[random.permutation(len(z))]
     scale = random.choice([0.3, 0.6, 1.0], size=(len(z), 1))
@@ -211,7 +216,7 @@ def _differences(z: Array, random: np.random.Generator) -> tuple[Array, Array]:
     return moved, (np.sum(z**2, axis=1) - np.sum(moved**2, axis=1)) / 2
 
 
-def _autoregression(z: Array, random: np.random.Generator) -> tuple[Array, Array]:
+def autoregression(z: Array, random: np.random.Generator) -> tuple[Array, Array]:
     """Propose steps towards the middle of the prior with added noise, which preserve the prior."""
     step = random.choice([0.1, 0.3, 0.6], size=(len(z), 1))
     return np.sqrt(1 - step**2) * z + step * random.normal(size=z.shape), np.zeros(len(z))

@@ -11,22 +11,24 @@ from robustopt.learning.acceleration_interval import AccelerationInterval
 from robustopt.learning.bisection import Bisection
 from robustopt.learning.branch_and_bound import BranchAndBound, Diagonal, Midpoint
 from robustopt.learning.calibrated import Calibrated
+from robustopt.learning.foresight import Foresight
 from robustopt.learning.ilrobs import Ilrobs
 from robustopt.learning.informed import Informed
 from robustopt.learning.learner import Learner
 from robustopt.learning.moments import ErrorInterval
 from robustopt.learning.outcomes import Belief
 from robustopt.learning.parameters import Cost, Parameter
+from robustopt.learning.physics import Physics
 
 LEARNERS: tuple[type[Learner[Any]], ...] = (
-    Bisection, AccelerationInterval, Ilrobs, Calibrated, Midpoint, Diagonal, Informed,
+    Bisection, AccelerationInterval, Ilrobs, Calibrated, Midpoint, Diagonal, Informed, Physics,
 )  # fmt: skip
 
 BRANCH_AND_BOUND: tuple[type[BranchAndBound], ...] = (Midpoint, Diagonal, Informed)
 """The learners of `learning.parameters`, which need f*."""
 
 
-def learner_of(settings: LearningConfig, cost: Cost | None = None) -> Learner[Any]:
+def learner_of(settings: LearningConfig, cost: Cost | None = None, foresight: Foresight | None = None) -> Learner[Any]:
     """Return the learner that a configuration names, with its settings.
 
     `ilrobs-calibrated` bisects friction geometrically, so it reads a lower end of 0 as `delta`.
@@ -35,6 +37,7 @@ def learner_of(settings: LearningConfig, cost: Cost | None = None) -> Learner[An
         settings: the section `learning`.
         cost: f* of values of `learning.parameters`, which the branch-and-bound learners need: a pure function
             (m, k) -> durations (m,) [s], inf for no plan, that remembers its results.
+        foresight: forecast of the executions of plans for such values, which `physics` needs.
 
     Returns:
         The learner.
@@ -64,7 +67,11 @@ def learner_of(settings: LearningConfig, cost: Cost | None = None) -> Learner[An
             )  # fmt: skip
     for kind in BRANCH_AND_BOUND:
         if settings.algorithm == kind.name:
-            return _branch_and_bound(kind, settings, cost)
+            return kind(**_branch_and_bound(kind.name, settings, cost))
+    if settings.algorithm == Physics.name:
+        if foresight is None:
+            raise RobustOptError(f"{Physics.name}: found no foresight; expected a forecast of the executions of plans")
+        return Physics(foresight=foresight, **_branch_and_bound(Physics.name, settings, cost))
     names = ", ".join(learner.name for learner in LEARNERS)
     raise ConfigError(f"found {settings.algorithm}; expected one of {names}", key="learning.algorithm")
 
@@ -77,15 +84,16 @@ def _first_belief(first: FirstBelief | None) -> Belief | None:
     return Belief(first.friction, ErrorInterval(mean, deviation, error.K))
 
 
-def _branch_and_bound(kind: type[BranchAndBound], settings: LearningConfig, cost: Cost | None) -> BranchAndBound:
+def _branch_and_bound(name: str, settings: LearningConfig, cost: Cost | None) -> dict[str, Any]:
+    """Return the settings that the learners of several parameters share."""
     if cost is None:
-        raise RobustOptError(f"{kind.name}: found no cost; expected f* of the parameters")
-    return kind(
-        parameters=tuple(Parameter(p.key, p.optimistic, p.conservative) for p in settings.parameters),
-        cost=cost,
-        delta=settings.delta,
-        gap=settings.gap,
-        budget=settings.budget,
-        executions_per_plan=settings.executions_per_plan,
-        plans=settings.plans,
-    )
+        raise RobustOptError(f"{name}: found no cost; expected f* of the parameters")
+    return {
+        "parameters": tuple(Parameter(p.key, p.optimistic, p.conservative) for p in settings.parameters),
+        "cost": cost,
+        "delta": settings.delta,
+        "gap": settings.gap,
+        "budget": settings.budget,
+        "executions_per_plan": settings.executions_per_plan,
+        "plans": settings.plans,
+    }

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from statistics import NormalDist
-from typing import ClassVar
+from typing import ClassVar, Protocol
 
 import numpy as np
 from scipy.special import betaincc
 
 from robustopt.arrays import Array, Flags
-from robustopt.learning.boundary import Cloud, cloud
+from robustopt.learning.boundary import cloud
 from robustopt.learning.branch_and_bound import BranchAndBound, BranchState
 from robustopt.learning.learner import Trial
 from robustopt.learning.monotone import Knowledge
@@ -39,6 +39,20 @@ SUSPICION = 0.05
 """Posterior chance of meeting the rate below which a point is ruled out in a noisy world."""
 
 
+class Model(Protocol):
+    """Samples of a model of success; see `Cloud`."""
+
+    @property
+    def sigma(self) -> Array:
+        """Return the standard deviation of the margin from one execution to the next, by every sample, (M, 1)."""
+
+    def thinned(self) -> Model:
+        """Return some of the samples."""
+
+    def margin(self, points: Array) -> Array:
+        """Return the margin of points (m, k) of the unit cube by every sample, (M, m)."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Informed(BranchAndBound):
     """A learner that tests the point with the largest expected gain of this execution and the next.
@@ -54,7 +68,7 @@ class Informed(BranchAndBound):
     unlikely, distant points. Therefore, while at most one of the last `RECENT` executions succeeded, every second point
     is chosen without the model (`_along_axes`).
 
-    In one dimension every boundary is a threshold, and the middle of the undecided interval is tested.
+    In one dimension every boundary is a threshold, and the middle of the undecided interval is tested (`halves`).
 
     **Noisy world** (`executions_per_plan` N over 1). Success means a rate of at least 1 - 1/N, about Phi(K) for N =
     N_e(K). Every execution is a trial of its own and updates the posterior. The chance that a point meets the rate is
@@ -65,6 +79,7 @@ class Informed(BranchAndBound):
     """
 
     name: ClassVar[str] = "bnb-informed"
+    halves: ClassVar[bool] = True
 
     @property
     def noisy(self) -> bool:
@@ -90,7 +105,7 @@ class Informed(BranchAndBound):
 
     # Knowledge --------------------------------------------------------------------------------------------
 
-    def posterior(self, state: BranchState) -> Cloud:
+    def posterior(self, state: BranchState) -> Model:
         """Return samples of the boundary, given all executions so far.
 
         Args:
@@ -106,7 +121,7 @@ class Informed(BranchAndBound):
         ]
         return cloud(self.k, self.noisy, [point for point, _ in pairs], [success for _, success in pairs])
 
-    def meets(self, model: Cloud, margin: Array) -> Flags:
+    def meets(self, model: Model, margin: Array) -> Flags:
         """Return whether each margin means success according to every sample.
 
         Args:
@@ -118,11 +133,11 @@ class Informed(BranchAndBound):
         """
         return margin >= model.sigma * (NormalDist().inv_cdf(self.rate) if self.noisy else 0.0)
 
-    def _chance(self, model: Cloud, points: Array) -> Array:
+    def _chance(self, model: Model, points: Array) -> Array:
         """Return the posterior chance that tests of points (m, k) succeed, (m,)."""
         return np.mean(self.meets(model, model.margin(points)), axis=0)
 
-    def _confidence(self, state: BranchState, model: Cloud, points: Array) -> Array:
+    def _confidence(self, state: BranchState, model: Model, points: Array) -> Array:
         """Return the chance that points (m, k) meet the rate in a noisy world, by model and monotony, (m,)."""
         plain = _chance_by_monotony(self.knowledge(state), points, self.rate)
         return (1 - PLAIN) * self._chance(model, points) + PLAIN * plain
@@ -154,7 +169,7 @@ class Informed(BranchAndBound):
         if self.noisy:
             return self._probe(state, known, cut)
         widest = self._widest(known, cut)
-        if widest is None or self.k == 1:
+        if widest is None or (self.k == 1 and self.halves):
             return widest
         if self._stalled(state) and (point := self._along_axes(known, cut)) is not None:
             return point
@@ -227,7 +242,7 @@ class Informed(BranchAndBound):
             known = replace(known, successes=known.successes[:0], failures=known.failures[:0])
         return points[(self.map.guide(points) < cut) & known.undecided(points)]
 
-    def _value(self, model: Cloud, known: Knowledge, points: Array, costs: Array, cut: float) -> Array:
+    def _value(self, model: Model, known: Knowledge, points: Array, costs: Array, cut: float) -> Array:
         """Return the expected gain of testing each candidate and then the best next one, (m,) [s]."""
         margin = model.margin(points)
         meets = self.meets(model, margin).astype(float)

@@ -14,8 +14,10 @@ from robustopt.errors import ConfigError, RunFolderError
 from robustopt.learning import learner_of
 from robustopt.learning.learner import Learner, Planned, Request, Result, Row, State, Trial, tell_all
 from robustopt.learning.parameters import Cost
+from robustopt.learning.physics import Physics
 from robustopt.runs.beliefs import Planner, learned_from
 from robustopt.runs.executors import JUDGED, Executor, Simulated
+from robustopt.runs.foresight import PlannedForesight
 from robustopt.runs.journal import Journal
 from robustopt.runs.plan_run import PlanResult
 from robustopt.solvers.batch import BatchPlanner
@@ -168,7 +170,7 @@ class _Campaign:
             raise ConfigError("found no objects; expected at least one that friction holds", key="objects")
         self.config = config
         self.settings = config.learning or LearningConfig()
-        self.learner = learner or learner_of(self.settings, cost_of(config, self.settings, workers))
+        self.learner = learner or configured_learner(config, workers)
         self.executor, self.journal, self.progress = executor, journal, progress
         self.planner = Planner(config)
         self.state = replayed(self.learner, journal)
@@ -270,6 +272,22 @@ def made_again(planner: Planner, trial: Trial) -> PlanResult:
             "robustopt and of its libraries, and an unchanged robot model"
         )
     return result
+
+
+def configured_learner(config: Config, workers: int = 1) -> Learner[Any]:
+    """Return the learner that a configuration names, with all that it must know of the task.
+
+    Args:
+        config: the task.
+        workers: number of processes that plan.
+
+    Raises:
+        ConfigError: the learner does not fit the task.
+    """
+    settings = config.learning or LearningConfig()
+    keys = [parameter.key for parameter in settings.parameters]
+    foresight = PlannedForesight(learned_from(config, keys), keys) if settings.algorithm == Physics.name else None
+    return learner_of(settings, cost_of(config, settings, workers), foresight)
 
 
 def cost_of(config: Config, settings: LearningConfig, workers: int = 1) -> Cost:
