@@ -52,10 +52,10 @@ class LearningConfig(Section):
         description="interval in which the coefficient of friction is searched; the learned value replaces the "
         "friction of all contacts",
     )
-    delta: Positive = Field(
-        default=0.05,
-        description="width of the friction interval at which bisection and ilrobs stop; for branch and bound the "
-        "smallest side of a box of parameters, relative to their intervals",
+    delta: Positive | None = Field(
+        default=None,
+        description="width of the friction interval at which bisection and ilrobs stop, by default 0.05; for learners "
+        "of several parameters the smallest side of a box of parameters, relative to their intervals, by default 0.005",
     )
     try_upper: bool = Field(
         default=True, description="ilrobs: start at the upper end of the friction; false: start in the middle"
@@ -108,7 +108,7 @@ class LearningConfig(Section):
     )
     budget: Count = Field(default=40, description="largest number of executions of the branch-and-bound learners")
     gap: Positive = Field(
-        default=0.01,
+        default=0.005,
         description="branch and bound: relative gap between the best plan and the lower bound at which the search "
         "stops",
     )

@@ -73,8 +73,8 @@ class BranchAndBound(Learner[BranchState]):
 
     parameters: tuple[Parameter, ...]
     cost: Cost
-    delta: float = 0.05
-    gap: float = 0.01
+    delta: float = 0.005
+    gap: float = 0.005
     budget: int = 40
     executions_per_plan: int = 1
     plans: int = 1000

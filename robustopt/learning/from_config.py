@@ -24,6 +24,12 @@ LEARNERS: tuple[type[Learner[Any]], ...] = (
     Bisection, AccelerationInterval, Ilrobs, Calibrated, Midpoint, Diagonal, Informed, Physics,
 )  # fmt: skip
 
+DELTA = 0.05
+"""Width of the friction interval at which the learners of friction stop by default (paper)."""
+
+SMALLEST_SIDE = 0.005
+"""Smallest side of a box of parameters by default: with a side of 0.05, searches for 1 % ended above it (our choice)."""
+
 BRANCH_AND_BOUND: tuple[type[BranchAndBound], ...] = (Midpoint, Diagonal, Informed)
 """The learners of `learning.parameters`, which need f*."""
 
@@ -46,10 +52,11 @@ def learner_of(settings: LearningConfig, cost: Cost | None = None, foresight: Fo
         ConfigError: the algorithm is none of `LEARNERS`, or a setting does not suit it.
     """
     low, high = settings.friction
+    delta = DELTA if settings.delta is None else settings.delta
     reading = Reading(settings.reading)
     match settings.algorithm:
         case Bisection.name:
-            return Bisection(friction=(low, high), delta=settings.delta, epsilon=settings.epsilon)
+            return Bisection(friction=(low, high), delta=delta, epsilon=settings.epsilon)
         case AccelerationInterval.name:
             return AccelerationInterval(
                 K=settings.K, executions=settings.executions, threshold=settings.threshold,
@@ -57,11 +64,11 @@ def learner_of(settings: LearningConfig, cost: Cost | None = None, foresight: Fo
             )  # fmt: skip
         case Ilrobs.name:
             return Ilrobs(
-                K=settings.K, friction=(low, high), delta=settings.delta, reading=reading, try_upper=settings.try_upper
+                K=settings.K, friction=(low, high), delta=delta, reading=reading, try_upper=settings.try_upper
             )
         case Calibrated.name:
             return Calibrated(
-                rate=settings.success_rate, confidence=settings.confidence, friction=(low or settings.delta, high),
+                rate=settings.success_rate, confidence=settings.confidence, friction=(low or delta, high),
                 resolution=settings.resolution, K_values=settings.K_values, futility=settings.futility,
                 patience=settings.patience, first=_first_belief(settings.first),
             )  # fmt: skip
@@ -91,7 +98,7 @@ def _branch_and_bound(name: str, settings: LearningConfig, cost: Cost | None) ->
     return {
         "parameters": tuple(Parameter(p.key, p.optimistic, p.conservative) for p in settings.parameters),
         "cost": cost,
-        "delta": settings.delta,
+        "delta": SMALLEST_SIDE if settings.delta is None else settings.delta,
         "gap": settings.gap,
         "budget": settings.budget,
         "executions_per_plan": settings.executions_per_plan,

@@ -47,9 +47,8 @@ def friction_needed(tangential: Array, normal: Array, step: Array, threshold: fl
         grip = FRICTIONS * np.maximum(normal[:, i, None], 0.0)
         speed = np.hypot(velocity[..., 0], velocity[..., 1])
         slides, gives = speed > STILL, size > grip
-        along = (
-            np.where(slides[..., None], velocity, -force) / np.where(slides, speed, np.maximum(size, STILL))[..., None]
-        )
+        length = np.where(slides, speed, np.maximum(size, STILL))
+        along = np.where(slides[..., None], velocity, -force) / length[..., None]
         faster = velocity + dt * (-force - grip[..., None] * along)
         stops = slides & ((faster * velocity).sum(axis=2) < 0.0) & ~gives
         velocity = np.where((slides | gives)[..., None] & ~stops[..., None], faster, 0.0)
@@ -102,6 +101,5 @@ def _least(logs: Array, peak: Array, threshold: float) -> Array:
     rows = np.arange(len(peak))
     before, after = peak[rows, low], peak[rows, low + 1]
     share = np.clip((before - threshold) / np.maximum(before - after, 1e-300), 0.0, 1.0)
-    return np.where(
-        last < 0, logs[0], np.where(last >= len(logs) - 1, logs[-1], logs[low] + share * (logs[low + 1] - logs[low]))
-    )
+    between = logs[low] + share * (logs[low + 1] - logs[low])
+    return np.where(last < 0, logs[0], np.where(last == len(logs) - 1, logs[-1], between))
