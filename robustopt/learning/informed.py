@@ -227,6 +227,13 @@ class Informed(BranchAndBound):
 
     def _candidates(self, state: BranchState, known: Knowledge, cut: float) -> Array:
         """Return candidates (m, k) that cost less than `cut`; without noise they are undecided too."""
+        points = self._spread(state, known)
+        if self.noisy:
+            known = replace(known, successes=known.successes[:0], failures=known.failures[:0])
+        return points[(self.map.guide(points) < cut) & known.undecided(points)]
+
+    def _spread(self, state: BranchState, known: Knowledge) -> Array:
+        """Return random points in the whole cube and near the cheapest successes (m, k)."""
         random = np.random.default_rng([self.k, len(state.rows)])
         sets = [random.random((CANDIDATES, self.k))]
         best = known.successes[np.argsort(self.map.exact(known.successes), kind="stable")[:NEAR]]
@@ -237,10 +244,7 @@ class Informed(BranchAndBound):
                 moved = point + random.normal(0, scale, (CANDIDATES // 6, self.k))
                 sets.append(np.clip(moved, 0, 1))
             sets.append(point * random.random((CANDIDATES // 6, self.k)) ** 0.3)
-        points = np.vstack(sets)
-        if self.noisy:
-            known = replace(known, successes=known.successes[:0], failures=known.failures[:0])
-        return points[(self.map.guide(points) < cut) & known.undecided(points)]
+        return np.vstack(sets)
 
     def _value(self, model: Model, known: Knowledge, points: Array, costs: Array, cut: float) -> Array:
         """Return the expected gain of testing each candidate and then the best next one, (m,) [s]."""

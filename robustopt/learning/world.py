@@ -37,11 +37,8 @@ MOVES = 12
 BIAS = 0.06
 """Prior standard deviation of the bias of each strength, of its logarithm."""
 
-SPREAD = 0.01
-"""sigma where executions do not vary."""
-
-NOISE = 0.05
-"""Prior median of sigma where executions vary, known within a factor of about 2."""
+SPREAD, NOISE = 0.005, 0.05
+"""Prior median of sigma where executions do not vary, and where they do, known within a factor of about 2."""
 
 LAG = 0.008
 """Prior standard deviation of the lag [s]."""
@@ -49,8 +46,8 @@ LAG = 0.008
 SHAKE = 0.004
 """Standard deviation of the time of a failure about its forecast [s]."""
 
-LOOSE = 0.03
-"""Standard deviation of the strength at the time of a failure, of its logarithm."""
+LOOSE = 0.02
+"""Prior median of the error of the strength at the time of a failure, of its logarithm."""
 
 WRONG = 0.1
 """Probability that the name of a failure is wrong."""
@@ -79,7 +76,7 @@ class Worlds:
     """Samples of the world.
 
     Attributes:
-        z: samples (J, k + M + 2), standard normal a priori: parameters, biases, lag, spread.
+        z: samples (J, k + M + 3), standard normal a priori: parameters, biases, lag, error at a time, sigma.
         parameters: the k parameters.
         needs: strength that plans need.
         noisy: whether executions of one plan vary.
@@ -98,14 +95,19 @@ class Worlds:
     @property
     def sigma(self) -> Array:
         """Spread from one execution to the next of each sample (J, 1)."""
-        return np.full((len(self.z), 1), SPREAD) if not self.noisy else NOISE * np.exp(0.7 * self.z[:, -1:])
+        return np.asarray((NOISE if self.noisy else SPREAD) * np.exp(0.7 * self.z[:, -1:]))
+
+    @property
+    def loose(self) -> Array:
+        """Error of the strength at the time of a failure, of each sample (J, 1)."""
+        return np.asarray(LOOSE * np.exp(0.7 * self.z[:, -2:-1]))
 
     @property
     def strengths(self) -> Array:
         """Strength of each mechanism with its bias (J, M)."""
         k = len(self.parameters)
         actual = self.needs.foresight.strengths(values(self.parameters, self.points))
-        return np.asarray(actual + BIAS * self.z[:, k:-2])
+        return np.asarray(actual + BIAS * self.z[:, k:-3])
 
     def thinned(self) -> Worlds:
         """Return every fourth sample, which is enough for a rough estimate at many points."""
@@ -129,7 +131,7 @@ class Worlds:
             tested: the executions.
         """
         strengths, sigma = self.strengths, self.sigma
-        lag = LAG * self.z[:, -2]
+        lag = LAG * self.z[:, -3]
         total = np.zeros(len(self.z))
         for item in tested:
             needed = self.needs.exact(item.point)
@@ -138,7 +140,7 @@ class Worlds:
             elif item.failure.t is None:
                 logs = _failed_sometime(item.failure, strengths - needed[-1], sigma, self.needs)
             else:
-                logs = _failed_at(item, needed, strengths, sigma, lag, self.needs)
+                logs = _failed_at(item, needed, strengths, np.hypot(sigma, self.loose), lag, self.needs)
             total += np.logaddexp(np.log1p(-LAPSE) + logs, np.log(LAPSE / 2))
         return total
 
@@ -154,7 +156,7 @@ def _failed_sometime(failure: Failure, margins: Array, sigma: Array, needs: Need
     return np.asarray(np.log(np.maximum(chance, 1e-300)))
 
 
-def _failed_at(item: Tested, needed: Array, strengths: Array, sigma: Array, lag: Array, needs: NeedMap) -> Array:
+def _failed_at(item: Tested, needed: Array, strengths: Array, error: Array, lag: Array, needs: NeedMap) -> Array:
     """Return the log-density of a failure at its time, (J,)."""
     assert item.failure is not None
     assert item.failure.t is not None
@@ -165,7 +167,7 @@ def _failed_at(item: Tested, needed: Array, strengths: Array, sigma: Array, lag:
     then = (1.0 - share) * needed[i] + share * needed[i + 1]
     wide = max(round(SHAKE / step), 1)
     slope = 0.5 * (needed[np.minimum(i + wide, STEPS)] - needed[np.maximum(i - wide, 0)])
-    tau = np.sqrt(sigma**2 + LOOSE**2 + slope**2)
+    tau = np.hypot(error, slope)
     distance = (strengths - then) / tau
     survives = log_ndtr(distance)
     density = -0.5 * distance**2 - np.log(tau) + survives.sum(axis=1, keepdims=True) - survives
@@ -207,7 +209,7 @@ def prior(parameters: tuple[Parameter, ...], needs: NeedMap, noisy: bool) -> Wor
         needs: strength that plans need.
         noisy: whether executions of one plan vary.
     """
-    size = (SAMPLES, len(parameters) + len(needs.foresight.mechanisms) + 2)
+    size = (SAMPLES, len(parameters) + len(needs.foresight.mechanisms) + 3)
     return Worlds(np.random.default_rng([len(parameters), 2]).normal(size=size), parameters, needs, noisy)
 
 
