@@ -28,7 +28,7 @@ DELTA = 0.05
 """Width of the friction interval at which the learners of friction stop by default (paper)."""
 
 SMALLEST_SIDE = 0.005
-"""Smallest side of a box of parameters by default: with a side of 0.05, searches for 1 % ended above it (our choice)."""
+"""Smallest side of a box of parameters by default: with one of 0.05, searches for 1 % ended above it (our choice)."""
 
 BRANCH_AND_BOUND: tuple[type[BranchAndBound], ...] = (Midpoint, Diagonal, Informed)
 """The learners of `learning.parameters`, which need f*."""

@@ -68,7 +68,7 @@ class Informed(BranchAndBound):
     unlikely, distant points. Therefore, while at most one of the last `RECENT` executions succeeded, every second point
     is chosen without the model (`_along_axes`).
 
-    In one dimension every boundary is a threshold, and the middle of the undecided interval is tested (`halves`).
+    In one dimension every boundary is a threshold, and the middle of the undecided interval is tested.
 
     **Noisy world** (`executions_per_plan` N over 1). Success means a rate of at least 1 - 1/N, about Phi(K) for N =
     N_e(K). Every execution is a trial of its own and updates the posterior. The chance that a point meets the rate is
@@ -79,7 +79,6 @@ class Informed(BranchAndBound):
     """
 
     name: ClassVar[str] = "bnb-informed"
-    halves: ClassVar[bool] = True
 
     @property
     def noisy(self) -> bool:
@@ -169,7 +168,7 @@ class Informed(BranchAndBound):
         if self.noisy:
             return self._probe(state, known, cut)
         widest = self._widest(known, cut)
-        if widest is None or (self.k == 1 and self.halves):
+        if widest is None or self.k == 1:
             return widest
         if self._stalled(state) and (point := self._along_axes(known, cut)) is not None:
             return point

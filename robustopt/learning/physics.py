@@ -10,9 +10,17 @@ import numpy as np
 
 from robustopt.learning.branch_and_bound import BranchState
 from robustopt.learning.foresight import Foresight, NeedMap
-from robustopt.learning.informed import SUSPICION, Informed
+from robustopt.learning.informed import ATTEMPTS, RECENT, SUSPICION, Informed
+from robustopt.learning.monotone import Knowledge
 from robustopt.learning.outcomes import Result
+from robustopt.learning.parameters import Point
 from robustopt.learning.world import Posteriors, Tested, Worlds, posterior, prior
+
+BOLD = 0.2
+"""Chance with which a plan survives that is executed before any plan has failed."""
+
+RISK = 0.4
+"""Chance with which a plan fails that is executed later; halved with every further failure in a row."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +36,6 @@ class Physics(Informed):
     """
 
     name: ClassVar[str] = "physics"
-    halves: ClassVar[bool] = False
 
     foresight: Foresight
 
@@ -50,6 +57,30 @@ class Physics(Informed):
         ]
         return posterior(self._prior, tested, self._posteriors)
 
+    def _propose(self, state: BranchState, known: Knowledge, cut: float) -> Point | None:
+        """Return the fastest plan that survives with a sufficient chance; without one, the one with the largest gain.
+
+        A plan that fails tells more than one that succeeds, so that the chance may be small until one has failed. While
+        all fail, every second point is chosen without the model.
+        """
+        if self.noisy:
+            return super()._propose(state, known, cut)
+        streak = _failures_in_a_row(state)
+        widest = self._widest(known, cut)
+        if widest is None or (streak >= RECENT and streak % 2 == 0):
+            return widest
+        points = self._candidates(state, known, cut)
+        if not len(points):
+            return widest
+        costs = self.map.guide(points)
+        chance = self._chance(self.posterior(state), points)
+        likely = chance >= (1.0 - RISK / 2 ** max(streak - 1, 0) if len(known.failures) else BOLD)
+        order = np.argsort(np.where(likely, costs - cut, chance * (costs - cut)) + np.where(likely, -cut, 0.0))
+        for index in order[:ATTEMPTS]:
+            if self.map.exact(points[[index]])[0] < cut:
+                return tuple(points[index].tolist())
+        return widest
+
     def _least(self, state: BranchState) -> float:
         """Return the cost below which no plan survives by the model, with a chance of `SUSPICION` that it is wrong."""
         proven = super()._least(state)
@@ -69,3 +100,9 @@ class Physics(Informed):
     @cached_property
     def _posteriors(self) -> Posteriors:
         return Posteriors()
+
+
+def _failures_in_a_row(state: BranchState) -> int:
+    """Return the number of latest executions that failed."""
+    executed = [row.result is Result.SUCCESS for row in state.rows if row.result is not Result.INFEASIBLE]
+    return next((n for n, success in enumerate(reversed(executed)) if success), len(executed))

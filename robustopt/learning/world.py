@@ -40,8 +40,8 @@ BIAS = 0.06
 SPREAD, NOISE = 0.005, 0.05
 """Prior median of sigma where executions do not vary, and where they do, known within a factor of about 2."""
 
-LAG = 0.008
-"""Prior standard deviation of the lag [s]."""
+LAG = 0.005
+"""Prior mean and standard deviation of the lag [s]: drives and contacts yield before they hold."""
 
 SHAKE = 0.004
 """Standard deviation of the time of a failure about its forecast [s]."""
@@ -131,7 +131,7 @@ class Worlds:
             tested: the executions.
         """
         strengths, sigma = self.strengths, self.sigma
-        lag = LAG * self.z[:, -3]
+        lag = LAG * (1.0 + self.z[:, -3])
         total = np.zeros(len(self.z))
         for item in tested:
             needed = self.needs.exact(item.point)
