@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtr
 
+from robustopt.learning.foresight import STEPS, Mechanism
 from robustopt.learning.learner import Belief, Executed, Learner, Planned, Request, tell_all
 from robustopt.learning.moments import ErrorInterval, Moments
 from robustopt.learning.sequential import SequentialTest, Verdict
@@ -86,6 +87,20 @@ def cost(values: np.ndarray) -> np.ndarray:
     """f* of frictions (m, k) -> (m,) [s], where friction alone binds; inf at no friction."""
     with np.errstate(divide="ignore"):
         return np.asarray(World.shortest * np.sqrt(World.knee / np.mean(values, axis=1)))
+
+
+class Forecast:
+    """Foresight of the worlds: one object slides, the sooner the less friction it finds."""
+
+    mechanisms = (Mechanism("block", ("slid",)),)
+
+    def strengths(self, values: np.ndarray) -> np.ndarray:
+        return np.log(np.maximum(values.mean(axis=1, keepdims=True), 1e-3))
+
+    def needed(self, values: np.ndarray) -> np.ndarray:
+        demand = np.minimum(values.mean(axis=1), World.knee)
+        rise = np.minimum(np.linspace(0.0, 2.0, STEPS + 1), 1.0)
+        return np.log(np.maximum(demand[:, None] * rise, 1e-3))[..., None]
 
 
 CONFIGURED = 0.3

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from synthetic_worlds import World, answer, cost, half_width, run, run_batched, states
+from synthetic_worlds import Forecast, World, answer, cost, half_width, run, run_batched, states
 
 from robustopt.confidence import Reading
 from robustopt.config import LearningConfig
@@ -24,6 +24,7 @@ from robustopt.learning.informed import Informed
 from robustopt.learning.learner import Belief, Executed, Planned, Result, Row, State, Trial, tell_all
 from robustopt.learning.moments import ErrorInterval, Moments, endpoint_change, shrunk
 from robustopt.learning.parameters import Parameter
+from robustopt.learning.physics import Physics
 
 UPPER, LOWER = Parameter("contact.friction.upper", 1.0, 0.05), Parameter("contact.friction.lower", 0.8, 0.0)
 
@@ -49,6 +50,11 @@ CASES = {
     ),
     "bnb-informed": Informed(parameters=(UPPER, LOWER), cost=cost, budget=6),
     "bnb-informed, three in a row": Informed(parameters=(UPPER, LOWER), cost=cost, budget=6, executions_per_plan=3),
+    "physics": Physics(parameters=(UPPER, LOWER), cost=cost, foresight=Forecast(), budget=6),
+    "physics, one parameter": Physics(parameters=(UPPER,), cost=cost, foresight=Forecast(), budget=8),
+    "physics, three in a row": Physics(
+        parameters=(UPPER, LOWER), cost=cost, foresight=Forecast(), budget=6, executions_per_plan=3
+    ),
 }
 
 WORLDS = {
@@ -318,7 +324,7 @@ def test_how_far_endpoints_move():
 def test_a_configuration_names_its_learner(learner):
     parameters = [{"key": "contact.friction", "optimistic": 1.0, "conservative": 0.1}]
     settings = {"algorithm": learner.name, "delta": 0.02, "parameters": parameters}
-    made = learner_of(LearningConfig.model_validate(settings), cost)
+    made = learner_of(LearningConfig.model_validate(settings), cost, Forecast())
     assert type(made) is learner
     assert getattr(made, "delta", 0.02) == 0.02
 
@@ -341,6 +347,8 @@ def test_settings_reach_the_learners_of_several_parameters():
 def test_learners_of_several_parameters_need_their_cost():
     with pytest.raises(RobustOptError, match="bnb-informed: found no cost"):
         learner_of(LearningConfig(algorithm="bnb-informed"))
+    with pytest.raises(RobustOptError, match="physics: found no foresight"):
+        learner_of(LearningConfig(algorithm="physics"), cost)
 
 
 def test_a_learner_that_is_not_here():

@@ -8,13 +8,15 @@ from typing import ClassVar
 
 import numpy as np
 
+from robustopt.evidence import Failure
 from robustopt.learning.branch_and_bound import BranchState
 from robustopt.learning.foresight import Foresight, NeedMap
 from robustopt.learning.informed import ATTEMPTS, RECENT, SUSPICION, Informed
+from robustopt.learning.learner import Row
 from robustopt.learning.monotone import Knowledge
 from robustopt.learning.outcomes import Result
 from robustopt.learning.parameters import Point
-from robustopt.learning.world import Posteriors, Tested, Worlds, posterior, prior
+from robustopt.learning.world import Posteriors, Run, Worlds, posterior, prior
 
 BOLD = 0.2
 """Chance with which a plan survives that is executed before any plan has failed."""
@@ -51,7 +53,7 @@ class Physics(Informed):
             state: the state.
         """
         tested = [
-            Tested(point, row.trial.duration or 0.0, next(iter(row.trial.failed), None))
+            Run(point, row.trial.duration or 0.0, _failure(row))
             for row, point in zip(state.rows, state.points, strict=True)
             if row.result is not Result.INFEASIBLE
         ]
@@ -100,6 +102,11 @@ class Physics(Informed):
     @cached_property
     def _posteriors(self) -> Posteriors:
         return Posteriors()
+
+
+def _failure(row: Row) -> Failure | None:
+    """Return the failure of an execution, as far as it is known."""
+    return None if row.result is Result.SUCCESS else next(iter(row.trial.failed), Failure())
 
 
 def _failures_in_a_row(state: BranchState) -> int:

@@ -54,8 +54,8 @@ def friction_needed(tangential: Array, normal: Array, step: Array, threshold: fl
         velocity = np.where((slides | gives)[..., None] & ~stops[..., None], faster, 0.0)
         moved = moved + dt * velocity
         peak = np.maximum(peak, np.hypot(moved[..., 0], moved[..., 1]))
-        needed[:, i] = _least(np.log(FRICTIONS), peak, threshold)
-    return needed
+        needed[:, i] = _least(FRICTIONS, peak, threshold)
+    return np.maximum.accumulate(needed, axis=1)
 
 
 def base_needed(
@@ -89,17 +89,24 @@ def base_needed(
         angle = angle + dt * rate
         rate, angle = np.where(angle > 0.0, rate, 0.0), np.clip(angle, 0.0, 1.0)
         peak = np.maximum(peak, angle)
-        needed[:, i] = _least(np.log(BASES), peak, threshold)
-    return needed
+        needed[:, i] = _least(BASES, peak, threshold)
+    return np.maximum.accumulate(needed, axis=1)
 
 
-def _least(logs: Array, peak: Array, threshold: float) -> Array:
-    """Return the smallest strength whose largest movement (P, G) is at most a threshold, interpolated, (P,)."""
+def _least(strengths: Array, peak: Array, threshold: float) -> Array:
+    """Return the logarithm of the smallest strength whose largest movement (P, G) is at most a threshold, (P,).
+
+    It is interpolated between two strengths. If the object does not move at all with the larger one, the movement is
+    extrapolated from the two smaller ones.
+    """
+    last = len(strengths) - 1
     over = peak > threshold
-    last = np.where(over.any(axis=1), len(logs) - 1 - np.argmax(over[:, ::-1], axis=1), -1)
-    low = np.clip(last, 0, len(logs) - 2)
-    rows = np.arange(len(peak))
-    before, after = peak[rows, low], peak[rows, low + 1]
-    share = np.clip((before - threshold) / np.maximum(before - after, 1e-300), 0.0, 1.0)
-    between = logs[low] + share * (logs[low + 1] - logs[low])
-    return np.where(last < 0, logs[0], np.where(last == len(logs) - 1, logs[-1], between))
+    low = np.where(over.any(axis=1), last - np.argmax(over[:, ::-1], axis=1), -1)
+    k = np.clip(low, 1, last - 1)
+    rows, width = np.arange(len(peak)), np.diff(strengths)
+    before, here, after = (peak[rows, k + j] for j in (-1, 0, 1))
+    rest = after == 0.0
+    fall = np.where(rest, before - here, here - after) / np.where(rest, width[k - 1], width[k])
+    found = strengths[k] + (here - threshold) / np.maximum(fall, 1e-300)
+    found = np.clip(found, strengths[k], strengths[k + 1])
+    return np.asarray(np.log(np.where(low < 1, strengths[0], np.where(low == last, strengths[-1], found))))

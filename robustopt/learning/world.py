@@ -57,7 +57,7 @@ LAPSE = 0.01
 
 
 @dataclass(frozen=True)
-class Tested:
+class Run:
     """An execution.
 
     Attributes:
@@ -124,7 +124,7 @@ class Worlds:
         """
         return np.asarray((self.strengths[:, None] - self.needs.guide(points)[None]).min(axis=2))
 
-    def log_likelihood(self, tested: Sequence[Tested]) -> Array:
+    def log_likelihood(self, tested: Sequence[Run]) -> Array:
         """Return the logarithm of the probability of executions, by every sample, (J,).
 
         Args:
@@ -156,7 +156,7 @@ def _failed_sometime(failure: Failure, margins: Array, sigma: Array, needs: Need
     return np.asarray(np.log(np.maximum(chance, 1e-300)))
 
 
-def _failed_at(item: Tested, needed: Array, strengths: Array, error: Array, lag: Array, needs: NeedMap) -> Array:
+def _failed_at(item: Run, needed: Array, strengths: Array, error: Array, lag: Array, needs: NeedMap) -> Array:
     """Return the log-density of a failure at its time, (J,)."""
     assert item.failure is not None
     assert item.failure.t is not None
@@ -176,14 +176,14 @@ def _failed_at(item: Tested, needed: Array, strengths: Array, error: Array, lag:
     return np.asarray(most[:, 0] + np.log(chance))
 
 
-Posteriors = OrderedDict[tuple[Tested, ...], Worlds]
+Posteriors = OrderedDict[tuple[Run, ...], Worlds]
 """The latest posteriors by their executions; each is made from the previous one."""
 
 KEPT = 64
 """Number of posteriors that are kept."""
 
 
-def posterior(prior: Worlds, tested: Sequence[Tested], known: Posteriors) -> Worlds:
+def posterior(prior: Worlds, tested: Sequence[Run], known: Posteriors) -> Worlds:
     """Return the posterior after executions, which is the same for the same executions.
 
     Args:
@@ -213,7 +213,7 @@ def prior(parameters: tuple[Parameter, ...], needs: NeedMap, noisy: bool) -> Wor
     return Worlds(np.random.default_rng([len(parameters), 2]).normal(size=size), parameters, needs, noisy)
 
 
-def _moved(before: Worlds, tested: Sequence[Tested]) -> Worlds:
+def _moved(before: Worlds, tested: Sequence[Run]) -> Worlds:
     """Return the posterior with the last of the executions: weight the samples, resample, and move them."""
     random = np.random.default_rng([len(before.parameters), len(tested), 2])
     now = replace(before, z=resampled(before.z, before.log_likelihood(tested[-1:]), random))
