@@ -149,7 +149,7 @@ def test_one_parameter_reaches_the_interval_of_alg_1_with_at_most_one_more_execu
     def cost(values):
         return 1 / np.sqrt(np.maximum(values[:, 0], 1e-6))
 
-    learner = make(parameters=(Parameter("mu", 1.0, 0.0),), cost=cost, gap=1e-6)
+    learner = make(parameters=(Parameter("mu", 1.0, 0.0),), cost=cost, delta=0.05, gap=1e-6)
     state = solve(learner, lambda point: point[0] <= threshold)
     known = learner.knowledge(state)
     low = 1 - min(known.successes[:, 0], default=1.0)

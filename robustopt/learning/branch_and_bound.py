@@ -67,9 +67,11 @@ class BranchAndBound(Learner[BranchState]):
         budget: largest number of executions.
         executions_per_plan: successes in a row that a plan needs.
         plans: largest number of evaluations of f* for the grid that guides the search.
+        exhausted: reason of the end if no point is worth a test.
     """
 
     state_type: ClassVar[type[State]] = BranchState
+    exhausted: ClassVar[End] = End.BOXES
 
     parameters: tuple[Parameter, ...]
     cost: Cost
@@ -225,7 +227,7 @@ class BranchAndBound(Learner[BranchState]):
             return self._testing(state, point)
         if untested:
             return self._testing(state, conservative)
-        end = End.NO_SUCCESS if incumbent is None else End.GAP if proven else End.BOXES
+        end = End.NO_SUCCESS if incumbent is None else End.GAP if proven else self.exhausted
         return replace(state, end=end)
 
     @property

@@ -11,10 +11,10 @@ import numpy as np
 from robustopt.evidence import Failure
 from robustopt.learning.branch_and_bound import BranchState
 from robustopt.learning.foresight import Foresight, NeedMap
-from robustopt.learning.informed import ATTEMPTS, RECENT, SUSPICION, Informed
+from robustopt.learning.informed import ATTEMPTS, SUSPICION, Informed
 from robustopt.learning.learner import Row
 from robustopt.learning.monotone import Knowledge
-from robustopt.learning.outcomes import Result
+from robustopt.learning.outcomes import End, Result
 from robustopt.learning.parameters import Point
 from robustopt.learning.world import Posteriors, Run, Worlds, posterior, prior
 
@@ -30,14 +30,15 @@ class Physics(Informed):
     """A learner that infers the actual parameters from the kind, the object and the time of every failure.
 
     It chooses executions as `bnb-informed` does, by a posterior of worlds (`world`) in the place of a boundary, and
-    ends when no plan that is faster by more than `gap` survives by this posterior. The lower bound of its table is as
-    reliable as the model.
+    ends when no plan that is faster by more than `gap` survives by this posterior, or when too many of them have failed
+    in a row. The lower bound of its table is as reliable as the model.
 
     Attributes:
         foresight: forecast of the executions of plans.
     """
 
     name: ClassVar[str] = "physics"
+    exhausted: ClassVar[End] = End.UNLIKELY
 
     foresight: Foresight
 
@@ -62,26 +63,31 @@ class Physics(Informed):
     def _propose(self, state: BranchState, known: Knowledge, cut: float) -> Point | None:
         """Return the fastest plan that survives with a sufficient chance; without one, the one with the largest gain.
 
-        A plan that fails tells more than one that succeeds, so that the chance may be small until one has failed. While
-        all fail, every second point is chosen without the model.
+        A plan that fails tells more than one that succeeds, so that the chance may be small until one has failed. The
+        model may be wrong: while plans fail, the next is slower than all of them by a step that doubles.
         """
         if self.noisy:
             return super()._propose(state, known, cut)
-        streak = _failures_in_a_row(state)
-        widest = self._widest(known, cut)
-        if widest is None or (streak >= RECENT and streak % 2 == 0):
-            return widest
         points = self._candidates(state, known, cut)
+        costs, streak = self.map.guide(points), _failures_in_a_row(state)
+        slower = costs >= self._step(state, streak)
+        points, costs = points[slower], costs[slower]
         if not len(points):
-            return widest
-        costs = self.map.guide(points)
+            return None
         chance = self._chance(self.posterior(state), points)
         likely = chance >= (1.0 - RISK / 2 ** max(streak - 1, 0) if len(known.failures) else BOLD)
         order = np.argsort(np.where(likely, costs - cut, chance * (costs - cut)) + np.where(likely, -cut, 0.0))
         for index in order[:ATTEMPTS]:
             if self.map.exact(points[[index]])[0] < cut:
                 return tuple(points[index].tolist())
-        return widest
+        return None
+
+    def _step(self, state: BranchState, streak: int) -> float:
+        """Return the least cost of the next plan: the more plans have failed in a row, the slower."""
+        if streak < 2:
+            return 0.0
+        failed = [point for row, point in zip(state.rows, state.points, strict=True) if row.result is Result.FAILURE]
+        return float(self.map.exact(np.array(failed[-streak:])).max()) * (1.0 + self.gap * 2 ** (streak - 1))
 
     def _least(self, state: BranchState) -> float:
         """Return the cost below which no plan survives by the model, with a chance of `SUSPICION` that it is wrong."""

@@ -19,6 +19,9 @@ FRICTIONS = np.geomspace(0.01, 3.0, 96)
 BASES = np.geomspace(0.05, 1.6, 96)
 """Parts of the base, about its middle, for which tipping is integrated."""
 
+FAR = 1e9
+"""Largest angle to which the tipping of a falling object is integrated, as if it stayed upright [rad]."""
+
 STILL = 1e-9
 """Speed below which an object does not slide [m/s]."""
 
@@ -87,7 +90,7 @@ def base_needed(
         turning = excess.max(axis=2) + force * height * angle / inertia.mean()
         rate = np.where((angle > 0.0) | (turning > 0.0), rate + dt * turning, 0.0)
         angle = angle + dt * rate
-        rate, angle = np.where(angle > 0.0, rate, 0.0), np.clip(angle, 0.0, 1.0)
+        rate, angle = np.where(angle > 0.0, rate, 0.0), np.clip(angle, 0.0, FAR)
         peak = np.maximum(peak, angle)
         needed[:, i] = _least(BASES, peak, threshold)
     return np.maximum.accumulate(needed, axis=1)
@@ -107,6 +110,6 @@ def _least(strengths: Array, peak: Array, threshold: float) -> Array:
     before, here, after = (peak[rows, k + j] for j in (-1, 0, 1))
     rest = after == 0.0
     fall = np.where(rest, before - here, here - after) / np.where(rest, width[k - 1], width[k])
-    found = strengths[k] + (here - threshold) / np.maximum(fall, 1e-300)
+    found = strengths[k] + (here - threshold) / np.maximum(fall, threshold)
     found = np.clip(found, strengths[k], strengths[k + 1])
     return np.asarray(np.log(np.where(low < 1, strengths[0], np.where(low == last, strengths[-1], found))))

@@ -2,8 +2,9 @@
 
 A sample is a possible world: actual values of the parameters, and the error of the forecast. An object survives a
 mechanism as long as the strength L of the interface exceeds the strength R(t) that the plan needs up to the time t
-(`foresight`), both as logarithms. The error of the forecast consists of a bias of each L, of a spread sigma from one
-execution to the next, and of a lag of the failures behind the plan; all are estimated with the parameters.
+(`foresight`), both as logarithms. The error of the forecast consists of a bias of each L, of another one of the L that
+the time of a failure shows, of a spread sigma from one execution to the next, and of a lag of the failures behind the
+plan; all are estimated with the parameters.
 
     success                  product over all mechanisms of Phi((L - R(end)) / sigma)
     failure of one at t      N(R(t - lag); L, tau) times the product over all others of Phi((L - R(t - lag)) / tau)
@@ -46,8 +47,11 @@ LAG = 0.005
 SHAKE = 0.004
 """Standard deviation of the time of a failure about its forecast [s]."""
 
+LATE = 0.04
+"""Prior standard deviation of the bias of the strength at the time of a failure, of its logarithm: slow creep."""
+
 LOOSE = 0.02
-"""Prior median of the error of the strength at the time of a failure, of its logarithm."""
+"""Prior median of the remaining error of this strength."""
 
 WRONG = 0.1
 """Probability that the name of a failure is wrong."""
@@ -76,7 +80,8 @@ class Worlds:
     """Samples of the world.
 
     Attributes:
-        z: samples (J, k + M + 3), standard normal a priori: parameters, biases, lag, error at a time, sigma.
+        z: samples (J, k + M + 4), standard normal a priori: parameters, biases of the strengths, bias, lag and error at
+            the time of a failure, sigma.
         parameters: the k parameters.
         needs: strength that plans need.
         noisy: whether executions of one plan vary.
@@ -107,7 +112,7 @@ class Worlds:
         """Strength of each mechanism with its bias (J, M)."""
         k = len(self.parameters)
         actual = self.needs.foresight.strengths(values(self.parameters, self.points))
-        return np.asarray(actual + BIAS * self.z[:, k:-3])
+        return np.asarray(actual + BIAS * self.z[:, k:-4])
 
     def thinned(self) -> Worlds:
         """Return every fourth sample, which is enough for a rough estimate at many points."""
@@ -131,7 +136,7 @@ class Worlds:
             tested: the executions.
         """
         strengths, sigma = self.strengths, self.sigma
-        lag = LAG * (1.0 + self.z[:, -3])
+        lag, late = LAG * (1.0 + self.z[:, -3]), LATE * self.z[:, -4, None]
         total = np.zeros(len(self.z))
         for item in tested:
             needed = self.needs.exact(item.point)
@@ -140,7 +145,7 @@ class Worlds:
             elif item.failure.t is None:
                 logs = _failed_sometime(item.failure, strengths - needed[-1], sigma, self.needs)
             else:
-                logs = _failed_at(item, needed, strengths, np.hypot(sigma, self.loose), lag, self.needs)
+                logs = _failed_at(item, needed, strengths + late, np.hypot(sigma, self.loose), lag, self.needs)
             total += np.logaddexp(np.log1p(-LAPSE) + logs, np.log(LAPSE / 2))
         return total
 
@@ -209,7 +214,7 @@ def prior(parameters: tuple[Parameter, ...], needs: NeedMap, noisy: bool) -> Wor
         needs: strength that plans need.
         noisy: whether executions of one plan vary.
     """
-    size = (SAMPLES, len(parameters) + len(needs.foresight.mechanisms) + 3)
+    size = (SAMPLES, len(parameters) + len(needs.foresight.mechanisms) + 4)
     return Worlds(np.random.default_rng([len(parameters), 2]).normal(size=size), parameters, needs, noisy)
 
 
