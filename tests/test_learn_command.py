@@ -568,7 +568,8 @@ def test_without_an_iteration_there_is_no_table(run, tmp_path):
 def test_it_says_so_where_the_most_conservative_parameters_fail(run, tmp_path):
     """They shall not; how likely bad luck was is no question of theirs."""
     parameters = "learning.parameters=[{key: contact.friction.block, optimistic: 1, conservative: 0.7}]"
-    code, _, err = run(*LEARN, "--algorithm", "bnb-midpoint", parameters, "learning.budget=3", "--out", "a", "-q")
+    few = ("learning.budget=3", "learning.executions_per_plan=1")
+    code, _, err = run(*LEARN, "--algorithm", "bnb-midpoint", parameters, *few, "--out", "a", "-q")
     assert code == 3
     assert "Even the conservative values of all parameters failed" in err
     assert "bad_luck" not in table(tmp_path / "a" / "iterations.csv")[-1]

@@ -13,7 +13,7 @@ from robustopt.learning.foresight import STEPS, Mechanism, NeedMap, blame
 from robustopt.learning.parameters import Parameter
 from robustopt.learning.survival import base_needed, friction_needed
 from robustopt.learning.world import Run, posterior, prior
-from robustopt.runs.campaign import learn
+from robustopt.runs.campaign import learn, learning_of, verdict_note
 from robustopt.runs.foresight import PlannedForesight
 
 CONFIGS = Path(__file__).parents[1] / "configs"
@@ -149,7 +149,7 @@ def learned(*tested: Run) -> tuple[np.ndarray, np.ndarray]:
 def test_the_time_of_a_failure_tells_the_friction_of_the_object_that_failed():
     a, b = learned(Run((0.0, 0.0), 1.0, Failure("slid", "a", t=0.35)))
     assert a == pytest.approx([0.35] * 3, rel=0.25)
-    assert a[1] == pytest.approx(0.35, rel=0.06)
+    assert a[1] == pytest.approx(0.35, rel=0.1)
     assert b[0] > 0.3  # it had survived until then
     assert b[2] > 0.8  # and may be the best
 
@@ -183,3 +183,24 @@ def test_few_executions_find_the_friction(truth):
     assert found.state.executed <= 8
     ((_, friction),) = found.best.trial.belief.parameters
     assert friction == pytest.approx(truth, rel=0.06)
+
+
+def test_executions_that_vary_call_for_more_than_one_success():
+    parameters = [{"key": "contact.friction", "optimistic": 1.0, "conservative": 0.05}]
+    quiet = {"truth": {"friction": 0.3}}
+    pushed = {**quiet, "disturbance": {"force_deviation": [1.0, 1.0, 0.0]}}
+    for execution, given, times, noted in (
+        (quiet, {}, 1, False),
+        (pushed, {}, 7, True),
+        (pushed, {"K": 0.5}, 4, True),
+        (pushed, {"executions_per_plan": 1}, 1, False),
+        (pushed, {"parameters": []}, 7, False),
+    ):
+        config = scene(
+            objects={"block": FLAT}, execution=execution,
+            learning={"algorithm": "bnb-informed", "parameters": parameters, **given},
+        )  # fmt: skip
+        assert learning_of(config).executions_per_plan == times
+        note = verdict_note(config)
+        assert bool(note) is noted
+        assert not noted or f"learning.executions_per_plan={times} says it" in note

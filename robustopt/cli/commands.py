@@ -254,6 +254,7 @@ def _run_learner(config: Config, folder: Path, options: LearningOptions) -> Summ
             require_same_versions(folder)
         with learning_table(options.output.silent or manual) as show_learned:
             from robustopt.runs.campaign import learn as run_learner
+            from robustopt.runs.campaign import verdict_note
             from robustopt.runs.manual import Manual
 
             def progress(learned: Learned) -> None:
@@ -262,6 +263,8 @@ def _run_learner(config: Config, folder: Path, options: LearningOptions) -> Summ
                     show_learned(learned)
 
             executor = Manual(folder, ask, say) if manual else None
+            if (note := verdict_note(config)) and not options.output.silent:
+                say(f"note: {note}")
             learned = run_learner(config, executor, journal=journal, workers=options.workers, progress=progress)
             stop_if_interrupted()
         return _complete(learned, journal, folder, options)

@@ -112,10 +112,11 @@ class LearningConfig(Section):
         description="branch and bound: relative gap between the best plan and the lower bound at which the search "
         "stops",
     )
-    executions_per_plan: Count = Field(
-        default=1,
-        description="branch and bound: number N of successes in a row that a plan needs, 1 if executions do not vary; "
-        "bnb-informed requires a success rate of 1 - 1/N",
+    executions_per_plan: Count | None = Field(
+        default=None,
+        description="learners of several parameters: number N of successes in a row that a plan needs; bnb-informed "
+        "and physics require a success rate of 1 - 1/N. By default 1 where executions do not vary, and N_e(K) where "
+        "the world of `execution` is random",
     )
     plans: Count = Field(
         default=1000,

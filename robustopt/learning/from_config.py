@@ -101,6 +101,6 @@ def _branch_and_bound(name: str, settings: LearningConfig, cost: Cost | None) ->
         "delta": SMALLEST_SIDE if settings.delta is None else settings.delta,
         "gap": settings.gap,
         "budget": settings.budget,
-        "executions_per_plan": settings.executions_per_plan,
+        "executions_per_plan": settings.executions_per_plan or 1,
         "plans": settings.plans,
     }

@@ -8,7 +8,7 @@ from math import inf, isfinite
 from typing import TYPE_CHECKING, Any
 
 from robustopt.arrays import Array
-from robustopt.confidence import clopper_pearson
+from robustopt.confidence import Reading, clopper_pearson, paper_executions
 from robustopt.config import Config, LearningConfig
 from robustopt.errors import ConfigError, RunFolderError
 from robustopt.learning import learner_of
@@ -20,6 +20,7 @@ from robustopt.runs.executors import JUDGED, Executor, Simulated
 from robustopt.runs.foresight import PlannedForesight
 from robustopt.runs.journal import Journal
 from robustopt.runs.plan_run import PlanResult
+from robustopt.simulation.monte_carlo import is_random
 from robustopt.solvers.batch import BatchPlanner
 from robustopt.views import view
 
@@ -72,7 +73,7 @@ class Learned:
     @property
     def settings(self) -> LearningConfig:
         """The `learning` section of the task, with its defaults."""
-        return self.config.learning or LearningConfig()
+        return learning_of(self.config)
 
     @property
     def finished(self) -> bool:
@@ -169,7 +170,7 @@ class _Campaign:
         if not config.contact_owners:
             raise ConfigError("found no objects; expected at least one that friction holds", key="objects")
         self.config = config
-        self.settings = config.learning or LearningConfig()
+        self.settings = learning_of(config)
         self.learner = learner or configured_learner(config, workers)
         self.executor, self.journal, self.progress = executor, journal, progress
         self.planner = Planner(config)
@@ -274,6 +275,37 @@ def made_again(planner: Planner, trial: Trial) -> PlanResult:
     return result
 
 
+def learning_of(config: Config) -> LearningConfig:
+    """Return the section `learning`, with as many executions per plan as the world of the task calls for.
+
+    Args:
+        config: the task.
+    """
+    settings = config.learning or LearningConfig()
+    if settings.executions_per_plan is not None:
+        return settings
+    varies = config.execution is not None and is_random(config.execution)
+    times = paper_executions(settings.K, Reading(settings.reading)) if varies else 1
+    return settings.model_copy(update={"executions_per_plan": times})
+
+
+def verdict_note(config: Config) -> str:
+    """Return a note on the success rate that a plan must have, empty unless the world decided on it.
+
+    Args:
+        config: the task.
+    """
+    settings = learning_of(config)
+    given = config.learning is not None and config.learning.executions_per_plan is not None
+    times = settings.executions_per_plan or 1
+    if given or times == 1 or not settings.parameters:
+        return ""
+    return (
+        f"executions vary in this world, so a plan must succeed at a rate of about {1 - 1 / times:.2f}, or {times} "
+        f"times in a row (K = {settings.K:g}); learning.executions_per_plan={times} says it, and 1 asks for one success"
+    )
+
+
 def configured_learner(config: Config, workers: int = 1) -> Learner[Any]:
     """Return the learner that a configuration names, with all that it must know of the task.
 
@@ -284,7 +316,7 @@ def configured_learner(config: Config, workers: int = 1) -> Learner[Any]:
     Raises:
         ConfigError: the learner does not fit the task.
     """
-    settings = config.learning or LearningConfig()
+    settings = learning_of(config)
     keys = [parameter.key for parameter in settings.parameters]
     foresight = PlannedForesight(learned_from(config, keys), keys) if settings.algorithm == Physics.name else None
     return learner_of(settings, cost_of(config, settings, workers), foresight)
