@@ -204,3 +204,11 @@ def test_executions_that_vary_call_for_more_than_one_success():
         note = verdict_note(config)
         assert bool(note) is noted
         assert not noted or f"learning.executions_per_plan={times} says it" in note
+
+
+def test_without_parameters_it_learns_friction_and_contact_points():
+    config = scene(objects={"block": FLAT}, learning={"algorithm": "physics", "friction": [0.1, 0.8]})
+    friction, inset = learning_of(config).parameters
+    assert (friction.key, friction.optimistic, friction.conservative) == ("contact.friction", 0.8, 0.1)
+    assert (inset.key, inset.optimistic, inset.conservative) == ("uncertainty.contact_points", 0.0, 0.025)
+    assert learning_of(scene(objects={"block": FLAT}, learning={"algorithm": "ilrobs"})).parameters == ()

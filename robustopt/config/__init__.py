@@ -7,7 +7,7 @@ from robustopt.config.execution_model import (
     TruthConfig,
     VariationConfig,
 )
-from robustopt.config.learning_model import FirstBelief, LearningConfig
+from robustopt.config.learning_model import FirstBelief, LearnedParameter, LearningConfig
 from robustopt.config.model import BASE_COORDINATES, FEET, HANDS, ROBOT_SOURCES, TOOL, Config, UncertaintyConfig
 from robustopt.config.object_model import GripConfig, ObjectConfig, SuctionConfig, TrayConfig
 from robustopt.config.path_model import FramePose, PathConfig, PathTolerance, RailConfig, StanceConfig
@@ -27,6 +27,7 @@ __all__ = [
     "FirstBelief",
     "FramePose",
     "GripConfig",
+    "LearnedParameter",
     "LearningConfig",
     "ObjectConfig",
     "PathConfig",

@@ -104,7 +104,9 @@ class LearningConfig(Section):
         default="all", description="plans whose success rate is estimated: the returned plans only, or all"
     )
     parameters: tuple[LearnedParameter, ...] = Field(
-        default=(), description="parameters that the branch-and-bound learners search"
+        default=(),
+        description="parameters that the learners of several parameters search; without any, physics learns the "
+        "friction of all contacts and how far their contact points lie inside",
     )
     budget: Count = Field(default=40, description="largest number of executions of the branch-and-bound learners")
     gap: Positive = Field(

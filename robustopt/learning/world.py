@@ -38,7 +38,7 @@ MOVES = 12
 BIAS = 0.06
 """Prior standard deviation of the bias of each strength, of its logarithm."""
 
-SPREAD, NOISE = 0.005, 0.05
+SPREAD, NOISE = 0.005, 0.02
 """Prior median of sigma where executions do not vary, and where they do, known within a factor of about 2."""
 
 LAG = 0.005

@@ -17,7 +17,7 @@ from robustopt.learning.parameters import Cost
 from robustopt.learning.physics import Physics
 from robustopt.runs.beliefs import Planner, learned_from
 from robustopt.runs.executors import JUDGED, Executor, Simulated
-from robustopt.runs.foresight import PlannedForesight
+from robustopt.runs.foresight import PlannedForesight, usual_parameters
 from robustopt.runs.journal import Journal
 from robustopt.runs.plan_run import PlanResult
 from robustopt.simulation.monte_carlo import is_random
@@ -276,12 +276,14 @@ def made_again(planner: Planner, trial: Trial) -> PlanResult:
 
 
 def learning_of(config: Config) -> LearningConfig:
-    """Return the section `learning`, with as many executions per plan as the world of the task calls for.
+    """Return the section `learning` with what it leaves to the task: executions per plan, parameters of `physics`.
 
     Args:
         config: the task.
     """
     settings = config.learning or LearningConfig()
+    if settings.algorithm == Physics.name and not settings.parameters:
+        settings = settings.model_copy(update={"parameters": usual_parameters(config)})
     if settings.executions_per_plan is not None:
         return settings
     varies = config.execution is not None and is_random(config.execution)

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from robustopt.arrays import Array
-from robustopt.config import Config, ExecutionConfig
+from robustopt.config import Config, ExecutionConfig, LearnedParameter, LearningConfig
 from robustopt.config.document import split_key
 from robustopt.errors import ConfigError
 from robustopt.geometry import half_planes
@@ -29,6 +29,35 @@ LEAST_PART = 0.02
 """Smallest part of a base that is told from none."""
 
 
+LEAST_FRICTION = 0.05
+"""Conservative end of a search for friction whose interval begins at 0."""
+
+MOST_INSET = 0.25
+"""Part of the smallest base by which contact points may lie further inside than configured."""
+
+
+def usual_parameters(config: Config) -> tuple[LearnedParameter, ...]:
+    """Return what `physics` learns if the task names nothing: the friction of all contacts, and their contact points.
+
+    Args:
+        config: the task.
+    """
+    low, high = (config.learning or LearningConfig()).friction
+    halves = [_edges(patch.polygon)[2].min() for patch in patches(config)]
+    inset = float(f"{MOST_INSET * min(halves, default=0.0):.2g}")
+    friction = LearnedParameter(key="contact.friction", optimistic=high, conservative=max(low, LEAST_FRICTION))
+    if inset == 0.0:
+        return (friction,)
+    return friction, LearnedParameter(key="uncertainty.contact_points", optimistic=0.0, conservative=inset)
+
+
+def _edges(polygon: Array) -> tuple[Array, Array, Array]:
+    """Return the normals (E, 2), the middle (2,) and the distances (E,) of the edges of a base from it [m]."""
+    normals, offsets = half_planes(polygon)
+    middle = polygon.mean(axis=0)
+    return normals, middle, offsets - normals @ middle
+
+
 @dataclass(frozen=True, eq=False)
 class _Interface:
     """An object on its support: its patch, and the inertial parameters of all that it carries (10,)."""
@@ -39,9 +68,7 @@ class _Interface:
     @cached_property
     def edges(self) -> tuple[Array, Array, Array]:
         """Return the normals (E, 2), the middle (2,) and the distances (E,) of the edges of the base from it [m]."""
-        normals, offsets = half_planes(self.patch.polygon)
-        middle = self.patch.polygon.mean(axis=0)
-        return normals, middle, offsets - normals @ middle
+        return _edges(self.patch.polygon)
 
     @property
     def height(self) -> float:
