@@ -6,7 +6,8 @@ constant rate from u to u' in the time dt, which with the equations of the inter
     dt = 2 h / (sqrt(x) + sqrt(x')),   h = ds + (u' - u) dt^2 / 12,   x' - x = (u + u') h,
 
 and h differs little from the length ds. On the first interval the rate is constant from rest, so dt = 3 ds / sqrt(x')
-and u' = 2 x' / (3 ds); the last one is its mirror image. The jerk of a joint at a place of an interval is within J if
+and u' = 2 x' / (3 ds); the last one is its mirror image. If the robot moves at an end of the piece, this end is a point
+too, with x and u given, and there is no such interval. The jerk of a joint at a place of an interval is within J if
 
     dt -+ ((q''' x + 3 q'' u) r + q' (u' - u)) / J >= 0,   r = sqrt(x) dt,
 
@@ -19,6 +20,11 @@ otherwise go too far (our choice).
 Each step of Mehrotra's method solves the linearised conditions of optimality twice with one factorisation: for the
 centre whose gap is 0, and for a centre with a gap that depends on how far the first step leads. The slacks s of all
 limits g >= 0 are unknowns too, so a step need not stay within the limits.
+
+If x and u are given at an end, there may be no timing, or the limits may leave a single one. Therefore each limit is
+then g + e >= 0, and the cost of e >= 0 is so high that e = 0 wherever this is possible. Any timing will do as the first
+one, and the limits with e > 0 at the end are those in conflict. With the costs as bounds of the multipliers, e changes
+the slack of a limit to s + dual e / (bound - dual) in the Newton matrix, and leaves its bands as they are.
 """
 
 from __future__ import annotations
@@ -36,12 +42,14 @@ TO_BORDER = 0.95
 
 
 class Program(NamedTuple):
-    """Program on one piece with n points between the rests; z is x, u of the first point, of the second, ..., 0, 0.
+    """Program on one piece with n points; z is x, u of the first point, of the second, ..., 0, 0.
+
+    Ends of the piece at which the robot moves are among the points.
 
     Attributes:
-        ends: lengths of the first and of the last interval (2,).
+        ends: lengths of the first interval from rest and of the last one to rest, 0 if the robot moves there (2,).
         ds: lengths of the other intervals (n - 1,).
-        away: distance of each point from the nearer rest (n,).
+        away: distance of each point from the nearer rest, or a like length near a moving end (n,).
         line_point: first of the two points that each linear limit depends on (l,).
         line: coefficients of x, u, x', u' in g = 1 + line z (l, 4).
         jerk_point: point at the start of the interval of each limit of a jerk (k,).
@@ -144,67 +152,143 @@ def measure(program, z, work):
             slope[row, 3] = -sign * (after * per_u + program.q1[k])
 
 
+class Multipliers(NamedTuple):
+    """Slacks and multipliers of the limits, (m,) each.
+
+    Attributes:
+        slack: slack s of each limit, g + over = s.
+        dual: its multiplier.
+        over: excess e of each limit, 0 if none may be exceeded.
+        bound: cost of the excess, which bounds the multiplier; infinite if no limit may be exceeded.
+        d_slack, d_dual, d_over: their steps.
+    """
+
+    slack: Array
+    dual: Array
+    over: Array
+    bound: Array
+    d_slack: Array
+    d_dual: Array
+    d_over: Array
+
+
 @compiled(error_model="numpy")
-def optimise(program, z, work, gap, accuracy, most, least):
+def optimise(program, z, work, gap, accuracy, most, least, penalty):
     """Improve a timing until it is optimal.
 
     Args:
         program: the program.
-        z: the timing (2 n + 2,), within the limits; becomes the optimal one, up to `accuracy`.
+        z: the timing (2 n + 2,), within the limits if `penalty` is infinite; becomes the optimal one, up to `accuracy`.
         work: its values are set.
         gap: gap at the start as a fraction of the duration.
         accuracy: gap, and error of all conditions, at the end.
         most: largest number of steps.
         least: least part of the curvature of the duration that is counted; 1 takes more steps and never overshoots.
+        penalty: cost of an excess by a whole limit, in durations at the start; infinite if no limit may be exceeded.
 
     Returns:
         The number of steps and the gap at the end.
     """
     n, m = len(program.away), len(work.g)
     measure(program, z, work)
-    slack, dual = work.g.copy(), np.empty(m)
-    total = work.dt.sum()
-    for k in range(m):
-        dual[k] = gap * total / (m * slack[k])
+    pairs = m if np.isinf(penalty) else 2 * m
+    limits = Multipliers(
+        work.g.copy(), np.empty(m), np.zeros(m), np.full(m, np.inf), np.empty(m), np.empty(m), np.zeros(m)
+    )
+    centred(program, work, limits, gap * work.dt.sum(), pairs, penalty)
     gradient, matrix = np.empty(2 * n + 2), np.empty((n, 8))
     right, step = np.empty(3 * n + 1), np.zeros(2 * n + 2)
-    d_slack, d_dual, aim = np.empty(m), np.empty(m), np.empty(m)
+    aim, aim_over = np.empty(m), np.zeros(m)
     for steps in range(most):
         total = work.dt.sum()
-        gap = (slack * dual).sum() / total
-        wrong = off_rows(program, z, work, right)
-        for k in range(m):
-            unit = 1.0 if k < len(program.line_point) else work.dt[work.point[k] + 1]
-            wrong = max(wrong, abs(work.g[k] - slack[k]) / unit)
+        gap, wrong = state(program, z, work, limits, right)
+        gap /= total
         if gap <= accuracy and wrong <= accuracy:
             return steps, gap
-        newton_matrix(program, z, work, slack, dual, least, gradient, matrix)
+        newton_matrix(program, z, work, limits, least, gradient, matrix)
         factorise(program, z, work, matrix)
         aim[:] = 0.0
+        aim_over[:] = 0.0
         for corrector in range(2):
-            newton_step(program, z, work, slack, dual, aim, gradient, right, step, d_slack, d_dual)
+            newton_step(program, z, work, limits, aim, aim_over, gradient, right, step)
             primal, other = longest(z, step), 1.0
-            for k in range(m):
-                if d_slack[k] < 0.0:
-                    primal = min(primal, -slack[k] / d_slack[k])
-                if d_dual[k] < 0.0:
-                    other = min(other, -dual[k] / d_dual[k])
+            primal, other = longest_of_limits(limits, primal, other)
             if not corrector:
-                left = 0.0
+                left = left_gap(limits, primal, other) / total
+                centre = gap * total / pairs * max((left / gap) ** 3, 1e-3)
                 for k in range(m):
-                    left += (slack[k] + primal * d_slack[k]) * (dual[k] + other * d_dual[k])
-                left /= total
-                centre = gap * total / m * max((left / gap) ** 3, 1e-3)
-                for k in range(m):
-                    aim[k] = centre - d_slack[k] * d_dual[k]
+                    aim[k] = centre - limits.d_slack[k] * limits.d_dual[k]
+                    if pairs > m:
+                        aim_over[k] = centre + limits.d_over[k] * limits.d_dual[k]
         primal, other = min(TO_BORDER * primal, 1.0), min(TO_BORDER * other, 1.0)
         for j in range(2 * n):
             z[j] += primal * step[j]
         for k in range(m):
-            slack[k] += primal * d_slack[k]
-            dual[k] += other * d_dual[k]
+            limits.slack[k] += primal * limits.d_slack[k]
+            limits.dual[k] += other * limits.d_dual[k]
+            limits.over[k] += primal * limits.d_over[k]
         measure(program, z, work)
     return most, gap
+
+
+@compiled_inner(error_model="numpy")
+def centred(program, work, limits, products, pairs, penalty):
+    """Set slacks, multipliers and excesses at the current timing to pairs of equal products with a given sum."""
+    total, centre = work.dt.sum(), products / pairs
+    for k in range(len(limits.slack)):
+        if not np.isinf(penalty):
+            unit = 1.0 if k < len(program.line_point) else work.dt[work.point[k] + 1]
+            bound = penalty * total / unit
+            g = bound * work.g[k]
+            root = np.sqrt(4.0 * centre * centre + g * g) + abs(g)
+            # both solve centre / over + centre / slack = bound, without cancellation
+            larger, smaller = 2.0 * centre + root, 2.0 * centre + 4.0 * centre * centre / root
+            limits.slack[k] = 0.5 * (larger if g > 0.0 else smaller) / bound
+            limits.over[k] = 0.5 * (smaller if g > 0.0 else larger) / bound
+            limits.bound[k] = bound
+        limits.dual[k] = products / (pairs * limits.slack[k])
+
+
+@compiled_inner(error_model="numpy")
+def state(program, z, work, limits, right):
+    """Return the sum of the products of slacks and multipliers, and the largest error of the equations."""
+    products = 0.0
+    for k in range(len(limits.slack)):
+        products += limits.slack[k] * limits.dual[k]
+    wrong = off_rows(program, z, work, right)
+    for k in range(len(limits.slack)):
+        unit = 1.0 if k < len(program.line_point) else work.dt[work.point[k] + 1]
+        wrong = max(wrong, abs(work.g[k] + limits.over[k] - limits.slack[k]) / unit)
+        if limits.over[k] > 0.0:
+            products += limits.over[k] * (limits.bound[k] - limits.dual[k])
+    return products, wrong
+
+
+@compiled_inner(error_model="numpy")
+def longest_of_limits(limits, primal, other):
+    """Return the parts of a step, at most as given, after which the first slack or excess, or multiplier, is 0."""
+    for k in range(len(limits.slack)):
+        if limits.d_slack[k] < 0.0:
+            primal = min(primal, -limits.slack[k] / limits.d_slack[k])
+        if limits.d_over[k] < 0.0:
+            primal = min(primal, -limits.over[k] / limits.d_over[k])
+        if limits.d_dual[k] < 0.0:
+            other = min(other, -limits.dual[k] / limits.d_dual[k])
+        elif limits.d_dual[k] > 0.0:
+            other = min(other, (limits.bound[k] - limits.dual[k]) / limits.d_dual[k])
+    return primal, other
+
+
+@compiled_inner(error_model="numpy")
+def left_gap(limits, primal, other):
+    """Return the sum of the products after parts of a step."""
+    left = 0.0
+    for k in range(len(limits.slack)):
+        dual = limits.dual[k] + other * limits.d_dual[k]
+        left += (limits.slack[k] + primal * limits.d_slack[k]) * dual
+        if limits.over[k] > 0.0:
+            left += (limits.over[k] + primal * limits.d_over[k]) * (limits.bound[k] - dual)
+    return left
 
 
 @compiled_inner(error_model="numpy")
@@ -218,13 +302,13 @@ def longest(z, step):
 
 
 @compiled_inner(error_model="numpy")
-def newton_matrix(program, z, work, slack, dual, least, gradient, matrix):
+def newton_matrix(program, z, work, limits, least, gradient, matrix):
     """Set the gradient of the duration, and the Newton matrix.
 
     Its columns are xx, xu, uu, those of x, u with x', u', and the part of the curvature of dt that counts.
     """
     n, lines = len(program.away), len(program.line_point)
-    dt = work.dt
+    dt, dual = work.dt, limits.dual
     gradient[:], matrix[:] = 0.0, 0.0
     curved = matrix[:, 7]
     curved[:] = 1.0
@@ -246,7 +330,8 @@ def newton_matrix(program, z, work, slack, dual, least, gradient, matrix):
         matrix[i + 1, 0] += part * 0.5 * fall_next / v_next * (2.0 / both + 1.0 / v_next)
         matrix[i, 3] += part * fall / (both * v_next)
     for k in range(len(dual)):
-        i, weight = work.point[k], dual[k] / slack[k]
+        room = limits.slack[k] + dual[k] * limits.over[k] / (limits.bound[k] - dual[k])
+        i, weight = work.point[k], dual[k] / room
         a, b, c, d = work.slope[k]
         matrix[i, 0] += weight * a * a
         matrix[i, 1] += weight * a * b
@@ -262,15 +347,16 @@ def newton_matrix(program, z, work, slack, dual, least, gradient, matrix):
 
 
 @compiled_inner(error_model="numpy")
-def newton_step(program, z, work, slack, dual, aim, gradient, right, step, d_slack, d_dual):
-    """Set the step of z, of the slacks and of their multipliers towards products slack * dual = aim."""
-    n = len(program.away)
+def newton_step(program, z, work, limits, aim, aim_over, gradient, right, step):
+    """Set the step of z, and those of slacks, multipliers and excesses towards the products `aim` and `aim_over`."""
+    n, slack, dual, over = len(program.away), limits.slack, limits.dual, limits.over
     off_rows(program, z, work, right)
     for i in range(n):
         right[3 * i + 1], right[3 * i + 2] = -gradient[2 * i], -gradient[2 * i + 1]
     for k in range(len(slack)):
-        i = work.point[k]
-        pull = (aim[k] - dual[k] * (work.g[k] - slack[k])) / slack[k]
+        i, spare = work.point[k], limits.bound[k] - dual[k]
+        room = slack[k] + dual[k] * over[k] / spare
+        pull = (aim[k] - dual[k] * (work.g[k] - room + aim_over[k] / spare)) / room
         right[3 * i + 1] += pull * work.slope[k, 0]
         right[3 * i + 2] += pull * work.slope[k, 1]
         if i < n - 1:
@@ -278,11 +364,17 @@ def newton_step(program, z, work, slack, dual, aim, gradient, right, step, d_sla
             right[3 * i + 5] += pull * work.slope[k, 3]
     solve_factorised(program, z, work, right, step)
     for k in range(len(slack)):
-        p = 2 * work.point[k]
-        d_slack[k] = work.g[k] - slack[k]
+        p, spare = 2 * work.point[k], limits.bound[k] - dual[k]
+        room = slack[k] + dual[k] * over[k] / spare
+        moved = work.g[k] - room + aim_over[k] / spare
+        limits.d_slack[k] = work.g[k] - slack[k]
         for j in range(4):
-            d_slack[k] += work.slope[k, j] * step[p + j]
-        d_dual[k] = (aim[k] - dual[k] * d_slack[k]) / slack[k] - dual[k]
+            moved += work.slope[k, j] * step[p + j]
+            limits.d_slack[k] += work.slope[k, j] * step[p + j]
+        limits.d_dual[k] = (aim[k] - dual[k] * moved) / room - dual[k]
+        if over[k] > 0.0:
+            limits.d_over[k] = (aim_over[k] + over[k] * limits.d_dual[k]) / spare - over[k]
+            limits.d_slack[k] += over[k] + limits.d_over[k]
 
 
 @compiled(error_model="numpy")
@@ -295,13 +387,17 @@ def correct(program, z, work, most, accuracy):
         work: its values become those of the timing.
         most: largest number of steps; three are usual.
         accuracy: residual that is left, as a fraction of x.
+
+    Returns:
+        The residual.
     """
     n = len(program.away)
     right, step, matrix = np.empty(3 * n + 1), np.zeros(2 * n + 2), np.empty((n, 8))
     for _ in range(most):
         measure(program, z, work)
-        if off_rows(program, z, work, right) <= accuracy:
-            return
+        off = off_rows(program, z, work, right)
+        if off <= accuracy:
+            return off
         matrix[:] = 0.0
         for i in range(n):
             right[3 * i + 1] = right[3 * i + 2] = 0.0
@@ -310,3 +406,4 @@ def correct(program, z, work, most, accuracy):
         solve_factorised(program, z, work, right, step)
         z += step
     measure(program, z, work)
+    return off_rows(program, z, work, right)

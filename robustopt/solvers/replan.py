@@ -64,7 +64,8 @@ def replan(running: Plan, from_time: float, config: Config | None = None) -> Rep
         )
     k = int(np.searchsorted(times, from_time))
     k += bool(old.ds[k] == 0.0)  # the second copy of the grid point of a stop
-    path = old.path.after(float(running.s[k]), int(running.piece[k]), float(np.sqrt(running.x[k])))
+    acceleration = float(running.u_end[k - 1]) if k else old.path.end_accelerations[0]
+    path = old.path.after(float(running.s[k]), int(running.piece[k]), float(np.sqrt(running.x[k])), acceleration)
     robot = old.robot if config.robot == old.config.robot else load_robot(config)
     track = build_track(robot, path, Grid(running.s[k:], running.piece[k:] - running.piece[k]))
     return Replanned(solve(rows_along(track, config)), float(times[k]))

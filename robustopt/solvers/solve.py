@@ -85,7 +85,6 @@ def solve(problem: TimeScalingProblem, method: str | None = None, jerk: bool = T
     plan = _repeated(problem, method, figures, _outer)
     if plan.status is Status.SOLVED and jerk and np.isfinite(problem.robot.limits.jerk).any():
         _require_bounded(plan)
-        _require_rests(plan)
         plan = _repeated(plan.problem, method, figures, _outer_with_jerk)
     if plan.status is Status.INFEASIBLE and (at_rest := standstill(plan.problem)) >= 0:
         plan = replace(plan, stuck=at_rest)
@@ -134,12 +133,6 @@ def _require_bounded(plan: Plan) -> None:
         f"rad/s or m/s; give robot.limits.{joint} a velocity, acceleration or torque",
         key="robot.limits",
     )
-
-
-def _require_rests(plan: Plan) -> None:
-    """Check that a path whose jerk is limited begins and ends at rest."""
-    for end in plan.problem.path.moving_ends:
-        raise ConfigError("not allowed with jerk limits; expected 0", key=f"path.{end}_speed")
 
 
 def _repeated(problem: TimeScalingProblem, method: str, figures: dict[str, float], outer: Outer) -> Plan:
