@@ -72,7 +72,7 @@ LAYERS = [
     ["solvers/linear_program", "solvers/plan", "solvers/interior_point", "solvers/jerk_matrix"],
     ["solvers/jerk_newton"],
     ["solvers/binding"],
-    ["solvers/reachability", "solvers/force_program", "solvers/jerk"],
+    ["solvers/reachability", "solvers/force_program", "solvers/jerk_program"],
     ["solvers/ipopt", "solvers/sharing"],
     ["solvers/ipopt_jerk"],
     ["solvers/solve"],

@@ -152,6 +152,13 @@ class TimeScalingProblem:
         return fixed
 
     @cached_property
+    def jerk(self) -> Array:
+        """Return the jerk limits that count, infinite for joints without one (n,) [rad/s^3 or m/s^3]."""
+        names, limits = self.limits.track.names(LimitKind.JERK), self.robot.limits.jerk
+        counted = [self.kept is None or name in self.kept for name in names]
+        return np.where(counted, limits, np.inf)
+
+    @cached_property
     def pauses(self) -> Array:
         """Return the time for which the robot stands still on each interval without length, else 0, (P - 1,) [s]."""
         pauses = np.zeros(len(self.ds))

@@ -91,15 +91,18 @@ class Path:
         """Return which ends of the path, `start` and `end`, the robot passes at a speed other than 0."""
         return tuple(end for end, speed in zip(("start", "end"), self.end_speeds, strict=True) if speed > 0.0)
 
-    def with_speeds(self, start: float, end: float) -> Path:
+    def with_speeds(self, start: float | None, end: float) -> Path:
         """Return the same path with other speeds at its ends.
 
         Args:
-            start: length of q' sd at the start [rad/s or m/s].
+            start: length of q' sd at the start [rad/s or m/s]; None to keep speed and acceleration there.
             end: length of q' sd at the end [rad/s or m/s].
         """
         other = copy(self)
-        other._set_speeds((start, end))
+        other._set_speeds((start or 0.0, end))
+        if start is None:
+            other.end_speeds = self.end_speeds[0], other.end_speeds[1]
+            other.end_accelerations = self.end_accelerations[0], other.end_accelerations[1]
         return other
 
     def after(self, s: float, piece: int, speed: float, acceleration: float) -> Path:

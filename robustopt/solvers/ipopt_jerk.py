@@ -7,6 +7,7 @@
                |q''' v^3 + 3 q'' v u + q' (u_{i+1} - u_i) / dt_i| <= J at the places of `jerk` within every interval
 
 It has the same solutions as `jerk`, which eliminates the times and solves it by an interior-point method of its own.
+If a state is given at an end of the path, v and u are fixed there, and `jerk` decides whether there is a timing.
 """
 
 from __future__ import annotations
@@ -21,10 +22,10 @@ from robustopt.arrays import Array
 from robustopt.interruption import held
 from robustopt.limits import TimeScalingProblem
 from robustopt.solvers.ipopt import OPTIONS, Stop
-from robustopt.solvers.jerk import unless_still
+from robustopt.solvers.jerk import minimise, not_found, unless_still
 from robustopt.solvers.jerk_newton import Program
 from robustopt.solvers.jerk_program import pieces, program_of
-from robustopt.solvers.jerk_start import first_timing
+from robustopt.solvers.jerk_start import first_timing, timing_of
 from robustopt.solvers.plan import Plan, Status, failed_plan, interval_times, jerk_plan
 
 METHOD = "ipopt"
@@ -35,11 +36,12 @@ SMALLEST = 1e-4
 than this timing, but not everywhere."""
 
 
-def solve_ipopt_jerk(problem: TimeScalingProblem) -> Plan:
+def solve_ipopt_jerk(problem: TimeScalingProblem, guess: Plan | None = None) -> Plan:
     """Return a minimum-time plan within the jerk limits on the rows of a problem, or a failed plan with the reason.
 
     Args:
         problem: the problem; the robot can stand still at its rests.
+        guess: timing of the same grid, from which the search starts on pieces with a given state.
     """
     began = time.perf_counter()
     refused = unless_still(problem, METHOD)
@@ -47,8 +49,11 @@ def solve_ipopt_jerk(problem: TimeScalingProblem) -> Plan:
         return refused
     x, u, iterations = np.zeros(len(problem.s)), np.zeros(len(problem.s)), 0
     for piece in pieces(problem):
+        if not piece.at_rest and not minimise(problem, piece, guess).allowed:
+            return not_found(problem, piece, METHOD, {"solver_seconds": time.perf_counter() - began})
         program = program_of(problem, piece)
-        v, sdd, ended, taken = _minimise(program, first_timing(problem, piece, program))
+        start = first_timing(problem, piece, program) if guess is None or piece.at_rest else timing_of(guess, piece)
+        v, sdd, ended, taken = _minimise(program, start)
         iterations += taken
         if ended not in ("Solve_Succeeded", "Solved_To_Acceptable_Level"):
             status = Status.ITERATION_LIMIT if ended == "Maximum_Iterations_Exceeded" else Status.FAILED

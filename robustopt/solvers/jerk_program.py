@@ -83,7 +83,7 @@ def program_of(problem: TimeScalingProblem, piece: Piece) -> Program:
         piece: the piece.
     """
     first, last, points = piece.first, piece.last, piece.points
-    path, s, jerk = problem.path, problem.s[first : last + 1], problem.robot.limits.jerk
+    path, s, jerk = problem.path, problem.s[first : last + 1], problem.jerk
     chosen = np.isfinite(jerk)
     ds = np.diff(s)
     places = s[:-1, None] + np.clip(PLACES, JERK_INSIDE, 1.0 - JERK_INSIDE) * ds[:, None]
@@ -135,7 +135,7 @@ def _limited_places(q1: Array, q3: Array, fastest: Array) -> tuple[Indices, ...]
         + q3[:, 8:] * PLACES[:, None] * (2.0 * PLACES[:, None] - 1.0)
     )
     bent = np.abs(q3 - parabola).max(axis=1) * fastest[:, None] ** 1.5 > BENT
-    moving = np.abs(q1).max(axis=(0, 1)) > 0.0
+    moving = np.abs(q1).max(axis=(0, 1), initial=0.0) > 0.0
     return np.nonzero((USUAL[:, None] | bent[:, None]) & moving)
 
 

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robustopt.arrays import Array
 from robustopt.errors import ConfigError
 from robustopt.limits import TimeScalingProblem
 from robustopt.limits.names import LimitKind
@@ -50,14 +49,16 @@ NEAR_TORQUE = 1e-3
 """Fraction of a torque limit: the viscous torque of a plan that comes closer to its limit is linearised, because joint
 friction may allow more."""
 
-Outer = Callable[[TimeScalingProblem, str, Array | None], Plan]
-"""Outer solver: the plan on the rows of a problem by a method, from a first timing x (P,) or None."""
+Outer = Callable[[TimeScalingProblem, str, Plan | None], Plan]
+"""Outer solver: the plan on the rows of a problem by a method, from a first timing of the same grid or None."""
 
 SAME_DURATION = 1e-6
 """Relinearising ends if it changes the duration by less than this fraction."""
 
 
-def solve(problem: TimeScalingProblem, method: str | None = None, jerk: bool = True) -> Plan:
+def solve(
+    problem: TimeScalingProblem, method: str | None = None, jerk: bool = True, guess: Plan | None = None
+) -> Plan:
     """Return the optimal plan of a problem that holds for every value in the intervals.
 
     With jerk limits, it is a local optimum.
@@ -65,7 +66,8 @@ def solve(problem: TimeScalingProblem, method: str | None = None, jerk: bool = T
     Args:
         problem: the problem.
         method: `ipopt` or `reachability`; by default the configured one.
-        jerk: False to ignore jerk limits, on which feasibility does not depend.
+        jerk: False to ignore jerk limits, on which feasibility does not depend if the path begins and ends at rest.
+        guess: timing of the same grid from which the search starts if jerk is limited and the robot moves at an end.
 
     Returns:
         The plan. If there is none, its status and message say why, and its arrays are empty.
@@ -82,10 +84,10 @@ def solve(problem: TimeScalingProblem, method: str | None = None, jerk: bool = T
         contacts = problem.limits.contacts
         problem = problem.with_contacts([c if c.system.fine else c.with_facets(c.facets[:0]) for c in contacts])
     figures = {"rounds": 0.0, "inner_programs": 0.0, "inner_seconds": 0.0, "relinearisations": 0.0}
-    plan = _repeated(problem, method, figures, _outer)
-    if plan.status is Status.SOLVED and jerk and np.isfinite(problem.robot.limits.jerk).any():
+    plan = _repeated(problem, method, figures, _outer, None)
+    if plan.status is Status.SOLVED and jerk and np.isfinite(problem.jerk).any():
         _require_bounded(plan)
-        plan = _repeated(plan.problem, method, figures, _outer_with_jerk)
+        plan = _repeated(plan.problem, method, figures, _outer_with_jerk, guess)
     if plan.status is Status.INFEASIBLE and (at_rest := standstill(plan.problem)) >= 0:
         plan = replace(plan, stuck=at_rest)
     if plan.status is Status.SOLVED:
@@ -135,9 +137,11 @@ def _require_bounded(plan: Plan) -> None:
     )
 
 
-def _repeated(problem: TimeScalingProblem, method: str, figures: dict[str, float], outer: Outer) -> Plan:
+def _repeated(
+    problem: TimeScalingProblem, method: str, figures: dict[str, float], outer: Outer, guess: Plan | None
+) -> Plan:
     """Return the plan after rounds of missing rows and relinearisations, until neither is needed."""
-    plan = outer(problem, method, None)
+    plan = outer(problem, method, guess)
     programs: dict[int, ForceProgram] = {}
     shared: list[SharingSearch] = []
     before = np.inf
@@ -155,7 +159,7 @@ def _repeated(problem: TimeScalingProblem, method: str, figures: dict[str, float
             figures["relinearisations"] += tighter is not None
         if tighter is None:
             return plan
-        before, plan = plan.duration, _retreated(outer(tighter, method, plan.x), method, outer)
+        before, plan = plan.duration, _retreated(outer(tighter, method, plan), method, outer)
     status = Status.ITERATION_LIMIT
     return failed_plan(plan.problem, status, method, status.sentence, -1, plan.statistics)
 
@@ -180,20 +184,20 @@ def standstill(problem: TimeScalingProblem) -> int:
     return int(np.argmax(wrong)) if wrong.any() else -1
 
 
-def _outer(problem: TimeScalingProblem, method: str, guess: Array | None) -> Plan:
+def _outer(problem: TimeScalingProblem, method: str, guess: Plan | None) -> Plan:
     if method == "reachability":
         return solve_reachability(problem)
     from robustopt.solvers.ipopt import solve_ipopt
 
-    return solve_ipopt(problem, guess)
+    return solve_ipopt(problem, None if guess is None else guess.x)
 
 
-def _outer_with_jerk(problem: TimeScalingProblem, method: str, guess: Array | None) -> Plan:
+def _outer_with_jerk(problem: TimeScalingProblem, method: str, guess: Plan | None) -> Plan:
     if method == "reachability":
-        return solve_jerk(problem)
+        return solve_jerk(problem, guess)
     from robustopt.solvers.ipopt_jerk import solve_ipopt_jerk
 
-    return solve_ipopt_jerk(problem)
+    return solve_ipopt_jerk(problem, guess)
 
 
 def _with_missing_rows(
