@@ -67,7 +67,7 @@ def solve(
         problem: the problem.
         method: `ipopt` or `reachability`; by default the configured one.
         jerk: False to ignore jerk limits, on which feasibility does not depend if the path begins and ends at rest.
-        guess: timing of the same grid from which the search starts if jerk is limited and the robot moves at an end.
+        guess: timing of the same grid from which the search starts first if jerk is limited.
 
     Returns:
         The plan. If there is none, its status and message say why, and its arrays are empty.
@@ -84,10 +84,13 @@ def solve(
         contacts = problem.limits.contacts
         problem = problem.with_contacts([c if c.system.fine else c.with_facets(c.facets[:0]) for c in contacts])
     figures = {"rounds": 0.0, "inner_programs": 0.0, "inner_seconds": 0.0, "relinearisations": 0.0}
-    plan = _repeated(problem, method, figures, _outer, None)
-    if plan.status is Status.SOLVED and jerk and np.isfinite(problem.jerk).any():
-        _require_bounded(plan)
-        plan = _repeated(plan.problem, method, figures, _outer_with_jerk, guess)
+    jerk = jerk and bool(np.isfinite(problem.jerk).any())
+    plan = None if guess is None or not jerk else _repeated(problem, method, figures, _outer_with_jerk, guess)
+    if plan is None or plan.status is not Status.SOLVED:
+        plan = _repeated(problem, method, figures, _outer, None)
+        if plan.status is Status.SOLVED and jerk:
+            _require_bounded(plan)
+            plan = _repeated(plan.problem, method, figures, _outer_with_jerk, None)
     if plan.status is Status.INFEASIBLE and (at_rest := standstill(plan.problem)) >= 0:
         plan = replace(plan, stuck=at_rest)
     if plan.status is Status.SOLVED:
@@ -114,10 +117,11 @@ def _require_speeds(problem: TimeScalingProblem) -> None:
         most, speed = problem.x_max[end], problem.path.end_speeds[end]
         if speed**2 > most * (1.0 + ACTIVE_TOLERANCE):
             rate = float(np.linalg.norm(problem.limits.motion.q1[end]))
+            found, running = f"{rate * speed:.6g}", problem.s[end] not in (0.0, 1.0)
             raise ConfigError(
-                f"found {rate * speed:.6g}; expected at most {rate * np.sqrt(most):.6g}, because of "
-                f"{problem.x_max_names[end]}",
-                key=key,
+                f"found {'a speed of ' * running}{found}{' there' * running}; expected at most "
+                f"{rate * np.sqrt(most):.6g}, because of {problem.x_max_names[end]}",
+                key="from_time" if running else key,
             )
 
 
@@ -159,7 +163,8 @@ def _repeated(
             figures["relinearisations"] += tighter is not None
         if tighter is None:
             return plan
-        before, plan = plan.duration, _retreated(outer(tighter, method, plan), method, outer)
+        before, start = plan.duration, plan if guess is None else guess
+        plan = _retreated(outer(tighter, method, start), method, outer)
     status = Status.ITERATION_LIMIT
     return failed_plan(plan.problem, status, method, status.sentence, -1, plan.statistics)
 
