@@ -78,16 +78,31 @@ class JointLayout:
 def reference(trajectory: Trajectory, timestep: float, hold: tuple[float, float]) -> Reference:
     """Sample a trajectory at every time step, including the times at rest before and after the motion.
 
+    There is no time at rest at an end at which the robot moves.
+
     Args:
         trajectory: the trajectory.
         timestep: time step [s].
         hold: times at rest before and after the motion [s].
     """
-    steps = int(np.ceil((hold[0] + trajectory.duration + hold[1]) / timestep - 1e-6))
-    t = np.arange(steps, dtype=np.float64) * timestep - hold[0]
-    start, middle = trajectory.sample(t), trajectory.sample(t + timestep / 2)
+    moving_ends = trajectory.path.moving_ends
+    before, after = (0.0 if end in moving_ends else time for end, time in zip(("start", "end"), hold, strict=True))
+    steps = int(np.ceil((before + trajectory.duration + after) / timestep - 1e-6))
+    t = np.arange(steps, dtype=np.float64) * timestep - before
+    last = trajectory.duration if "end" in moving_ends else np.inf
+    start, middle = trajectory.sample(t), trajectory.sample(np.minimum(t + timestep / 2, last))
     moving = (middle.t > 0) & (middle.t < trajectory.duration)
     return Reference(t, start.s, start.q, start.qd, middle.qdd, moving)
+
+
+def standing(planned: Reference) -> Reference:
+    """Return the reference of a robot that stands still in the first position of a motion, one row.
+
+    Args:
+        planned: the motion.
+    """
+    still = np.zeros_like(planned.q[:1])
+    return Reference(planned.t[:1], planned.s[:1], planned.q[:1], still, still, np.zeros(1, dtype=bool))
 
 
 def controls(model: mujoco.MjModel, layout: JointLayout, planned: Reference, driven: slice) -> Array:

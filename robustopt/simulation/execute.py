@@ -12,7 +12,7 @@ from robustopt.arrays import Array
 from robustopt.confidence import clopper_pearson
 from robustopt.config import Config, ExecutionConfig
 from robustopt.errors import ConfigError, SimulationFailed
-from robustopt.simulation.controller import WITH_TORQUE, computed_torque, reference
+from robustopt.simulation.controller import WITH_TORQUE, computed_torque, reference, standing
 from robustopt.simulation.feedback import Feedback, feedback_of
 from robustopt.simulation.gains import gains_of, require_stable
 from robustopt.simulation.monte_carlo import Job, Progress, Workers, is_random, run_all
@@ -171,16 +171,19 @@ def prepare(plan: Plan, config: Config | None = None, seed: int | None = None, s
     execution = config.execution or ExecutionConfig()
     config = config.model_copy(update={"execution": execution})
     trajectory = Trajectory.from_plan(plan, speed)
-    _require_rests(plan)
+    _require_standing(plan)
     _require_usable(trajectory, execution)
     path = trajectory.at_gridpoints().q
     gains = gains_of(config, plan.problem.robot, path)
     planned = reference(trajectory, execution.timestep, execution.hold)
-    job = Job(config, gains, planned, config.seed if seed is None else seed)
+    still = standing(planned) if "start" in trajectory.path.moving_ends else None
+    job = Job(config, gains, planned, config.seed if seed is None else seed, still)
     world = job.world
     model = world.model(world.nominal)
     require_stable(model, world.layout(model), gains, world.joint_names, path[::CHECKED, world.driven])
-    return job.with_torque(_torque(job, plan, speed)) if gains.inputs == WITH_TORQUE else job
+    if gains.inputs != WITH_TORQUE:
+        return job
+    return job.with_torque(_torque(job, plan, speed), None if still is None else computed_torque(world.rigid(), still))
 
 
 def _torque(job: Job, plan: Plan, speed: float) -> Array:
@@ -208,10 +211,13 @@ def faster(plan: Plan, speed: float) -> Plan:
     return replace(plan, x=x, u=u, change=speed**2 * plan.change, duration=plan.duration / speed)
 
 
-def _require_rests(plan: Plan) -> None:
-    """Check that the motion begins and ends at rest, as a trial does."""
-    for end in plan.problem.path.moving_ends:
-        raise ConfigError("not allowed in an execution, which begins and ends at rest; expected 0", f"path.{end}_speed")
+def _require_standing(plan: Plan) -> None:
+    """Check that a walking robot begins and ends at rest: balance is lost if it starts in the middle of a step."""
+    if plan.problem.robot.base and plan.problem.path.moving_ends:
+        raise ConfigError(
+            "the rest of the plan of a walking robot cannot be executed; expected a plan that begins and ends at rest",
+            key="path",
+        )
 
 
 def _require_usable(trajectory: Trajectory, execution: ExecutionConfig) -> None:

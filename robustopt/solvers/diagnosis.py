@@ -177,7 +177,8 @@ def _conflicts(problem: TimeScalingProblem) -> Iterator[tuple[str, ...]]:
     idle = {
         LimitName(kind, joint)
         for kind, largest in (
-            (LimitKind.ACCELERATION, limits.acceleration), (LimitKind.TORQUE, limits.torque),
+            (LimitKind.ACCELERATION, limits.acceleration),
+            (LimitKind.TORQUE, limits.torque),
         )
         for joint, limit in zip(problem.robot.joint_names, largest, strict=True)
         if np.isinf(limit)

@@ -45,8 +45,8 @@ MOST_EXCESS = 5e-7
 """Largest excess over a limit, relative to it, that is left if a state is given: half of what a certificate accepts."""
 
 SAME = 1e-9
-"""Largest residual of the equations of the intervals, as a fraction of x, if a state is given: on a single interval that
-leads from it to rest, nothing can be chosen."""
+"""Largest residual of the equations of the intervals, as a fraction of x, if a state is given: on a single interval
+that leads from it to rest, nothing can be chosen."""
 
 METHOD = "reachability"
 """Name of the method that this solver belongs to."""
@@ -135,7 +135,7 @@ def not_found(problem: TimeScalingProblem, piece: Piece, method: str, statistics
         method: name of the method.
         statistics: figures of the solution process by name.
     """
-    sentence = outcome(Status.INFEASIBLE, problem)
+    sentence = outcome(Status.INFEASIBLE, problem, local=True)
     return failed_plan(problem, Status.INFEASIBLE, method, sentence, piece.first, statistics)
 
 

@@ -21,10 +21,8 @@ Each step of Mehrotra's method solves the linearised conditions of optimality tw
 centre whose gap is 0, and for a centre with a gap that depends on how far the first step leads. The slacks s of all
 limits g >= 0 are unknowns too, so a step need not stay within the limits.
 
-If x and u are given at an end, there may be no timing, or the limits may leave a single one. Therefore each limit is
-then g + e >= 0, and the cost of e >= 0 is so high that e = 0 wherever this is possible. Any timing will do as the first
-one, and the limits with e > 0 at the end are those in conflict. With the costs as bounds of the multipliers, e changes
-the slack of a limit to s + dual e / (bound - dual) in the Newton matrix, and leaves its bands as they are.
+If x and u are given at an end, there may be no timing, or the limits may leave a single one. Therefore each limit may
+then be exceeded at a high cost, see `jerk_slacks`.
 """
 
 from __future__ import annotations
@@ -36,6 +34,7 @@ import numpy as np
 from robustopt.arrays import Array, Indices
 from robustopt.compiled import compiled, compiled_inner
 from robustopt.solvers.jerk_matrix import BAND, factorise, off_rows, solve_factorised
+from robustopt.solvers.jerk_slacks import Slacks, centre, left_gap, longest_of_limits, state
 
 TO_BORDER = 0.95
 """Part of the way to the first slack or multiplier, or x, that becomes 0, of a step."""
@@ -152,26 +151,6 @@ def measure(program, z, work):
             slope[row, 3] = -sign * (after * per_u + program.q1[k])
 
 
-class Multipliers(NamedTuple):
-    """Slacks and multipliers of the limits, (m,) each.
-
-    Attributes:
-        slack: slack s of each limit, g + over = s.
-        dual: its multiplier.
-        over: excess e of each limit, 0 if none may be exceeded.
-        bound: cost of the excess, which bounds the multiplier; infinite if no limit may be exceeded.
-        d_slack, d_dual, d_over: their steps.
-    """
-
-    slack: Array
-    dual: Array
-    over: Array
-    bound: Array
-    d_slack: Array
-    d_dual: Array
-    d_over: Array
-
-
 @compiled(error_model="numpy")
 def optimise(program, z, work, gap, accuracy, most, least, penalty):
     """Improve a timing until it is optimal.
@@ -192,10 +171,8 @@ def optimise(program, z, work, gap, accuracy, most, least, penalty):
     n, m = len(program.away), len(work.g)
     measure(program, z, work)
     pairs = m if np.isinf(penalty) else 2 * m
-    limits = Multipliers(
-        work.g.copy(), np.empty(m), np.zeros(m), np.full(m, np.inf), np.empty(m), np.empty(m), np.zeros(m)
-    )
-    centred(program, work, limits, gap * work.dt.sum(), pairs, penalty)
+    limits = Slacks(work.g.copy(), np.empty(m), np.zeros(m), np.full(m, np.inf), np.empty(m), np.empty(m), np.zeros(m))
+    centre(program, work, limits, gap * work.dt.sum(), pairs, penalty)
     gradient, matrix = np.empty(2 * n + 2), np.empty((n, 8))
     right, step = np.empty(3 * n + 1), np.zeros(2 * n + 2)
     aim, aim_over = np.empty(m), np.zeros(m)
@@ -215,11 +192,11 @@ def optimise(program, z, work, gap, accuracy, most, least, penalty):
             primal, other = longest_of_limits(limits, primal, other)
             if not corrector:
                 left = left_gap(limits, primal, other) / total
-                centre = gap * total / pairs * max((left / gap) ** 3, 1e-3)
+                wanted = gap * total / pairs * max((left / gap) ** 3, 1e-3)
                 for k in range(m):
-                    aim[k] = centre - limits.d_slack[k] * limits.d_dual[k]
+                    aim[k] = wanted - limits.d_slack[k] * limits.d_dual[k]
                     if pairs > m:
-                        aim_over[k] = centre + limits.d_over[k] * limits.d_dual[k]
+                        aim_over[k] = wanted + limits.d_over[k] * limits.d_dual[k]
         primal, other = min(TO_BORDER * primal, 1.0), min(TO_BORDER * other, 1.0)
         for j in range(2 * n):
             z[j] += primal * step[j]
@@ -229,66 +206,6 @@ def optimise(program, z, work, gap, accuracy, most, least, penalty):
             limits.over[k] += primal * limits.d_over[k]
         measure(program, z, work)
     return most, gap
-
-
-@compiled_inner(error_model="numpy")
-def centred(program, work, limits, products, pairs, penalty):
-    """Set slacks, multipliers and excesses at the current timing to pairs of equal products with a given sum."""
-    total, centre = work.dt.sum(), products / pairs
-    for k in range(len(limits.slack)):
-        if not np.isinf(penalty):
-            unit = 1.0 if k < len(program.line_point) else work.dt[work.point[k] + 1]
-            bound = penalty * total / unit
-            g = bound * work.g[k]
-            root = np.sqrt(4.0 * centre * centre + g * g) + abs(g)
-            # both solve centre / over + centre / slack = bound, without cancellation
-            larger, smaller = 2.0 * centre + root, 2.0 * centre + 4.0 * centre * centre / root
-            limits.slack[k] = 0.5 * (larger if g > 0.0 else smaller) / bound
-            limits.over[k] = 0.5 * (smaller if g > 0.0 else larger) / bound
-            limits.bound[k] = bound
-        limits.dual[k] = products / (pairs * limits.slack[k])
-
-
-@compiled_inner(error_model="numpy")
-def state(program, z, work, limits, right):
-    """Return the sum of the products of slacks and multipliers, and the largest error of the equations."""
-    products = 0.0
-    for k in range(len(limits.slack)):
-        products += limits.slack[k] * limits.dual[k]
-    wrong = off_rows(program, z, work, right)
-    for k in range(len(limits.slack)):
-        unit = 1.0 if k < len(program.line_point) else work.dt[work.point[k] + 1]
-        wrong = max(wrong, abs(work.g[k] + limits.over[k] - limits.slack[k]) / unit)
-        if limits.over[k] > 0.0:
-            products += limits.over[k] * (limits.bound[k] - limits.dual[k])
-    return products, wrong
-
-
-@compiled_inner(error_model="numpy")
-def longest_of_limits(limits, primal, other):
-    """Return the parts of a step, at most as given, after which the first slack or excess, or multiplier, is 0."""
-    for k in range(len(limits.slack)):
-        if limits.d_slack[k] < 0.0:
-            primal = min(primal, -limits.slack[k] / limits.d_slack[k])
-        if limits.d_over[k] < 0.0:
-            primal = min(primal, -limits.over[k] / limits.d_over[k])
-        if limits.d_dual[k] < 0.0:
-            other = min(other, -limits.dual[k] / limits.d_dual[k])
-        elif limits.d_dual[k] > 0.0:
-            other = min(other, (limits.bound[k] - limits.dual[k]) / limits.d_dual[k])
-    return primal, other
-
-
-@compiled_inner(error_model="numpy")
-def left_gap(limits, primal, other):
-    """Return the sum of the products after parts of a step."""
-    left = 0.0
-    for k in range(len(limits.slack)):
-        dual = limits.dual[k] + other * limits.d_dual[k]
-        left += (limits.slack[k] + primal * limits.d_slack[k]) * dual
-        if limits.over[k] > 0.0:
-            left += (limits.over[k] + primal * limits.d_over[k]) * (limits.bound[k] - dual)
-    return left
 
 
 @compiled_inner(error_model="numpy")

@@ -74,9 +74,9 @@ def pieces(problem: TimeScalingProblem) -> list[Piece]:
 def program_of(problem: TimeScalingProblem, piece: Piece) -> Program:
     """Return the program of a piece.
 
-    On the first interval from rest the rate k is constant, so u = 2 x / (3 ds) and k = 2 sd^3 / (9 ds^2) at its end. The
-    jerk is at most sd^3 (|q'''| + 2 |q''| / ds + 2 |q'| / (9 ds^2)), which bounds x. The last interval to rest is its
-    mirror image.
+    On the first interval from rest the rate k is constant, so u = 2 x / (3 ds) and k = 2 sd^3 / (9 ds^2) at its end.
+    The jerk is at most sd^3 (|q'''| + 2 |q''| / ds + 2 |q'| / (9 ds^2)), which bounds x. The last interval to rest is
+    its mirror image.
 
     Args:
         problem: the problem.

@@ -56,9 +56,7 @@ SAME_DURATION = 1e-6
 """Relinearising ends if it changes the duration by less than this fraction."""
 
 
-def solve(
-    problem: TimeScalingProblem, method: str | None = None, jerk: bool = True, guess: Plan | None = None
-) -> Plan:
+def solve(problem: TimeScalingProblem, method: str | None = None, jerk: bool = True, guess: Plan | None = None) -> Plan:
     """Return the optimal plan of a problem that holds for every value in the intervals.
 
     With jerk limits, it is a local optimum.
