@@ -247,7 +247,9 @@ def newton_matrix(program, z, work, limits, least, gradient, matrix):
         matrix[i + 1, 0] += part * 0.5 * fall_next / v_next * (2.0 / both + 1.0 / v_next)
         matrix[i, 3] += part * fall / (both * v_next)
     for k in range(len(dual)):
-        room = limits.slack[k] + dual[k] * limits.over[k] / (limits.bound[k] - dual[k])
+        room = limits.slack[k]
+        if limits.over[k] > 0.0:
+            room += dual[k] * limits.over[k] / (limits.bound[k] - dual[k])
         i, weight = work.point[k], dual[k] / room
         a, b, c, d = work.slope[k]
         matrix[i, 0] += weight * a * a
@@ -271,9 +273,12 @@ def newton_step(program, z, work, limits, aim, aim_over, gradient, right, step):
     for i in range(n):
         right[3 * i + 1], right[3 * i + 2] = -gradient[2 * i], -gradient[2 * i + 1]
     for k in range(len(slack)):
-        i, spare = work.point[k], limits.bound[k] - dual[k]
-        room = slack[k] + dual[k] * over[k] / spare
-        pull = (aim[k] - dual[k] * (work.g[k] - room + aim_over[k] / spare)) / room
+        i, room, off = work.point[k], slack[k], work.g[k] - slack[k]
+        if over[k] > 0.0:
+            spare = limits.bound[k] - dual[k]
+            room += dual[k] * over[k] / spare
+            off = work.g[k] - room + aim_over[k] / spare
+        pull = (aim[k] - dual[k] * off) / room
         right[3 * i + 1] += pull * work.slope[k, 0]
         right[3 * i + 2] += pull * work.slope[k, 1]
         if i < n - 1:
@@ -281,17 +286,19 @@ def newton_step(program, z, work, limits, aim, aim_over, gradient, right, step):
             right[3 * i + 5] += pull * work.slope[k, 3]
     solve_factorised(program, z, work, right, step)
     for k in range(len(slack)):
-        p, spare = 2 * work.point[k], limits.bound[k] - dual[k]
-        room = slack[k] + dual[k] * over[k] / spare
-        moved = work.g[k] - room + aim_over[k] / spare
+        p = 2 * work.point[k]
         limits.d_slack[k] = work.g[k] - slack[k]
         for j in range(4):
-            moved += work.slope[k, j] * step[p + j]
             limits.d_slack[k] += work.slope[k, j] * step[p + j]
-        limits.d_dual[k] = (aim[k] - dual[k] * moved) / room - dual[k]
-        if over[k] > 0.0:
-            limits.d_over[k] = (aim_over[k] + over[k] * limits.d_dual[k]) / spare - over[k]
-            limits.d_slack[k] += over[k] + limits.d_over[k]
+        if over[k] == 0.0:
+            limits.d_dual[k] = (aim[k] - dual[k] * limits.d_slack[k]) / slack[k] - dual[k]
+            continue
+        spare = limits.bound[k] - dual[k]
+        change = dual[k] * over[k] / spare
+        off = limits.d_slack[k] - change + aim_over[k] / spare
+        limits.d_dual[k] = (aim[k] - dual[k] * off) / (slack[k] + change) - dual[k]
+        limits.d_over[k] = (aim_over[k] + over[k] * limits.d_dual[k]) / spare - over[k]
+        limits.d_slack[k] += over[k] + limits.d_over[k]
 
 
 @compiled(error_model="numpy")

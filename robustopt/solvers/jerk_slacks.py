@@ -76,11 +76,13 @@ def longest_of_limits(limits, primal, other):
     for k in range(len(limits.slack)):
         if limits.d_slack[k] < 0.0:
             primal = min(primal, -limits.slack[k] / limits.d_slack[k])
-        if limits.d_over[k] < 0.0:
-            primal = min(primal, -limits.over[k] / limits.d_over[k])
         if limits.d_dual[k] < 0.0:
             other = min(other, -limits.dual[k] / limits.d_dual[k])
-        elif limits.d_dual[k] > 0.0:
+        if limits.over[k] == 0.0:
+            continue
+        if limits.d_over[k] < 0.0:
+            primal = min(primal, -limits.over[k] / limits.d_over[k])
+        if limits.d_dual[k] > 0.0:
             other = min(other, (limits.bound[k] - limits.dual[k]) / limits.d_dual[k])
     return primal, other
 
