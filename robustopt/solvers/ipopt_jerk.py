@@ -49,8 +49,13 @@ def solve_ipopt_jerk(problem: TimeScalingProblem, guess: Plan | None = None) -> 
         return refused
     x, u, iterations = np.zeros(len(problem.s)), np.zeros(len(problem.s)), 0
     for piece in pieces(problem):
-        if not piece.at_rest and not minimise(problem, piece, guess).allowed:
-            return not_found(problem, piece, METHOD, {"solver_seconds": time.perf_counter() - began})
+        if not piece.at_rest:
+            found = minimise(problem, piece, guess)
+            if not found.allowed:
+                return not_found(problem, piece, METHOD, {"solver_seconds": time.perf_counter() - began})
+            if piece.single:
+                x[piece.points], u[piece.points] = found.x, found.u
+                continue
         program = program_of(problem, piece)
         start = first_timing(problem, piece, program) if guess is None or piece.at_rest else timing_of(guess, piece)
         v, sdd, ended, taken = _minimise(program, start)

@@ -153,7 +153,7 @@ def minimise(problem: TimeScalingProblem, piece: Piece, guess: Plan | None = Non
         return _between_rests(program, first_timing(problem, piece, program), work)
     starts = [] if guess is None else [(timing_of(guess, piece), gap) for gap in FIRST_GAPS_GIVEN]
     own = first_timing(problem, piece, program)
-    if piece.last == piece.first + 1:  # nothing can be chosen
+    if piece.single:
         return _with_excess(program, own, work, 0, 0.0)
     steps = 0
     for start, first_gap in [*starts, *((own, gap) for gap in reversed(FIRST_GAPS_GIVEN))]:

@@ -50,6 +50,11 @@ class Piece:
         return self.start is None and self.end is None
 
     @property
+    def single(self) -> bool:
+        """Return whether it is a single interval, on which nothing can be chosen if a state is given."""
+        return self.last == self.first + 1
+
+    @property
     def points(self) -> slice:
         """Return the grid points of the program: all at which the robot moves."""
         return slice(self.first + (self.start is None), self.last + (self.end is not None))

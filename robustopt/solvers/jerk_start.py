@@ -38,7 +38,7 @@ def first_timing(problem: TimeScalingProblem, piece: Piece, program: Program) ->
         return slow_timing(program)
     z = np.zeros(2 * len(program.away) + 2)
     z[:-2:2], z[1:-2:2] = _between(problem.s, piece)
-    if piece.last > piece.first + 1:
+    if not piece.single:
         resting = Piece(piece.first, piece.last)
         slow = slow_timing(program_of(problem, resting))[:-2]
         x, u = _smoothed(slow[::2], slow[1::2], problem.s, piece, program)
