@@ -121,6 +121,7 @@ class TimeScalingProblem:
         feasible: whether any (u, x) satisfies the rows of the grid point (P,).
         limits: the limits, from which the rows are made.
         kept: names of the limits that count, None for all.
+        running: x and sdd at the grid points (2, P) in a running plan, from which searches start; None without one.
     """
 
     config: Config
@@ -138,6 +139,7 @@ class TimeScalingProblem:
     feasible: Flags
     limits: Limits = field(repr=False)
     kept: frozenset[str] | None = None
+    running: Array | None = field(default=None, repr=False)
 
     @cached_property
     def ds(self) -> Array:

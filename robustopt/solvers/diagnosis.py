@@ -307,7 +307,7 @@ class _Trial:
                     path = path.with_speeds(start, config.path.end_speed)
                 robot = track.robot if config.robot == self.problem.config.robot else load_robot(config)
                 track = build_track(robot, path, track.grid)
-            changed = rows_along(track, config)
+            changed = replace(rows_along(track, config), running=self.problem.running)
             if method == "ipopt" and self.limits is None:
                 return solve(changed, jerk=False).status is Status.SOLVED
         except ConfigError:

@@ -36,12 +36,11 @@ SMALLEST = 1e-4
 than this timing, but not everywhere."""
 
 
-def solve_ipopt_jerk(problem: TimeScalingProblem, guess: Plan | None = None) -> Plan:
+def solve_ipopt_jerk(problem: TimeScalingProblem) -> Plan:
     """Return a minimum-time plan within the jerk limits on the rows of a problem, or a failed plan with the reason.
 
     Args:
         problem: the problem; the robot can stand still at its rests.
-        guess: timing of the same grid, from which the search starts on pieces with a given state.
     """
     began = time.perf_counter()
     refused = unless_still(problem, METHOD)
@@ -50,14 +49,17 @@ def solve_ipopt_jerk(problem: TimeScalingProblem, guess: Plan | None = None) -> 
     x, u, iterations = np.zeros(len(problem.s)), np.zeros(len(problem.s)), 0
     for piece in pieces(problem):
         if not piece.at_rest:
-            found = minimise(problem, piece, guess)
+            found = minimise(problem, piece)
             if not found.allowed:
                 return not_found(problem, piece, METHOD, {"solver_seconds": time.perf_counter() - began})
             if piece.single:
                 x[piece.points], u[piece.points] = found.x, found.u
                 continue
         program = program_of(problem, piece)
-        start = first_timing(problem, piece, program) if guess is None or piece.at_rest else timing_of(guess, piece)
+        if problem.running is None or piece.at_rest:
+            start = first_timing(problem, piece, program)
+        else:
+            start = timing_of(problem.running, piece)
         v, sdd, ended, taken = _minimise(program, start)
         iterations += taken
         if ended not in ("Solve_Succeeded", "Solved_To_Acceptable_Level"):

@@ -79,12 +79,11 @@ class Timing:
         return np.isfinite(self.gap) and self.excess <= MOST_EXCESS
 
 
-def solve_jerk(problem: TimeScalingProblem, guess: Plan | None = None) -> Plan:
+def solve_jerk(problem: TimeScalingProblem) -> Plan:
     """Return a minimum-time plan within the jerk limits on the rows of a problem, or a failed plan with the reason.
 
     Args:
         problem: the problem; the robot can stand still at its rests.
-        guess: timing of the same grid, from which the search starts on pieces with a given state.
     """
     began = time.perf_counter()
     x, u, steps, gap = np.zeros(len(problem.s)), np.zeros(len(problem.s)), 0, 0.0
@@ -96,7 +95,7 @@ def solve_jerk(problem: TimeScalingProblem, guess: Plan | None = None) -> Plan:
     if refused is not None:
         return refused
     for piece in pieces(problem):
-        found = minimise(problem, piece, guess)
+        found = minimise(problem, piece)
         x[piece.points], u[piece.points] = found.x, found.u
         steps, gap = steps + found.steps, max(gap, found.gap)
         if not piece.at_rest and not found.allowed:
@@ -139,19 +138,19 @@ def not_found(problem: TimeScalingProblem, piece: Piece, method: str, statistics
     return failed_plan(problem, Status.INFEASIBLE, method, sentence, piece.first, statistics)
 
 
-def minimise(problem: TimeScalingProblem, piece: Piece, guess: Plan | None = None) -> Timing:
+def minimise(problem: TimeScalingProblem, piece: Piece) -> Timing:
     """Return the timing of a piece of least duration, or of least excess over its limits.
 
     Args:
         problem: the problem; standing still satisfies its limits with some slack.
         piece: the piece.
-        guess: timing of the same grid, from which the search starts if a state is given.
     """
     program = program_of(problem, piece)
     work = workspace(program)
     if piece.at_rest:
         return _between_rests(program, first_timing(problem, piece, program), work)
-    starts = [] if guess is None else [(timing_of(guess, piece), gap) for gap in FIRST_GAPS_GIVEN]
+    running = problem.running
+    starts = [] if running is None else [(timing_of(running, piece), gap) for gap in FIRST_GAPS_GIVEN]
     own = first_timing(problem, piece, program)
     if piece.single:
         return _with_excess(program, own, work, 0, 0.0)

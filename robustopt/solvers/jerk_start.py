@@ -8,7 +8,6 @@ from robustopt.arrays import Array
 from robustopt.limits import TimeScalingProblem
 from robustopt.solvers.jerk_newton import Program, Work, correct, workspace
 from robustopt.solvers.jerk_program import Piece, State, program_of
-from robustopt.solvers.plan import Plan
 
 USED = 0.5
 """Part of each limit that the timing at the start uses."""
@@ -49,17 +48,16 @@ def first_timing(problem: TimeScalingProblem, piece: Piece, program: Program) ->
     return z
 
 
-def timing_of(plan: Plan, piece: Piece) -> Array:
-    """Return the timing of a piece in a plan, (2 n + 2,), see `Program`.
+def timing_of(running: Array, piece: Piece) -> Array:
+    """Return the timing of a piece in a running plan, (2 n + 2,), see `Program`.
 
     Args:
-        plan: a plan on the same grid, whose sdd is continuous.
+        running: x and sdd at all grid points (2, P).
         piece: the piece.
     """
     first, stop = piece.points.start, piece.points.stop
     z = np.zeros(2 * (stop - first) + 2)
-    z[:-2:2] = plan.x[first:stop]
-    z[1:-2:2] = np.append(plan.u, plan.u_end[-1:])[first:stop]
+    z[:-2:2], z[1:-2:2] = running[:, first:stop]
     for state, k in ((piece.start, 0), (piece.end, 2 * (stop - first) - 2)):
         if state is not None:
             z[k : k + 2] = state

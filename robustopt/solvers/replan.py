@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from robustopt.limits import rows_along
 from robustopt.limits.grid import Grid
 from robustopt.limits.track import build_track
 from robustopt.robot import load_robot
-from robustopt.solvers.plan import Plan, jerk_plan
+from robustopt.solvers.plan import Plan
 from robustopt.solvers.same_task import require_same_task
 from robustopt.solvers.solve import solve
 from robustopt.solvers.trajectory import Trajectory
@@ -71,7 +71,5 @@ def replan(running: Plan, from_time: float, config: Config | None = None) -> Rep
     path = old.path.after(float(running.s[k]), int(running.piece[k]), float(np.sqrt(running.x[k])), acceleration)
     robot = old.robot if config.robot == old.config.robot else load_robot(config)
     track = build_track(robot, path, Grid(running.s[k:], running.piece[k:] - running.piece[k]))
-    problem = rows_along(track, config)
-    sdd = np.append(running.u, running.u_end[-1])[k:]
-    rest = jerk_plan(problem, running.x[k:].copy(), sdd, running.method, {})
-    return Replanned(solve(problem, guess=rest), float(times[k]))
+    rest = np.array([running.x[k:], np.append(running.u, running.u_end[-1])[k:]])
+    return Replanned(solve(replace(rows_along(track, config), running=rest)), float(times[k]))

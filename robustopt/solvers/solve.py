@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from robustopt.arrays import Array
 from robustopt.errors import ConfigError
 from robustopt.limits import TimeScalingProblem
 from robustopt.limits.names import LimitKind
@@ -49,14 +50,14 @@ NEAR_TORQUE = 1e-3
 """Fraction of a torque limit: the viscous torque of a plan that comes closer to its limit is linearised, because joint
 friction may allow more."""
 
-Outer = Callable[[TimeScalingProblem, str, Plan | None], Plan]
-"""Outer solver: the plan on the rows of a problem by a method, from a first timing of the same grid or None."""
+Outer = Callable[[TimeScalingProblem, str, Array | None], Plan]
+"""Outer solver: the plan on the rows of a problem by a method, from a first timing x (P,) or None."""
 
 SAME_DURATION = 1e-6
 """Relinearising ends if it changes the duration by less than this fraction."""
 
 
-def solve(problem: TimeScalingProblem, method: str | None = None, jerk: bool = True, guess: Plan | None = None) -> Plan:
+def solve(problem: TimeScalingProblem, method: str | None = None, jerk: bool = True) -> Plan:
     """Return the optimal plan of a problem that holds for every value in the intervals.
 
     With jerk limits, it is a local optimum.
@@ -65,7 +66,6 @@ def solve(problem: TimeScalingProblem, method: str | None = None, jerk: bool = T
         problem: the problem.
         method: `ipopt` or `reachability`; by default the configured one.
         jerk: False to ignore jerk limits, on which feasibility does not depend if the path begins and ends at rest.
-        guess: timing of the same grid from which the search starts first if jerk is limited.
 
     Returns:
         The plan. If there is none, its status and message say why, and its arrays are empty.
@@ -83,12 +83,12 @@ def solve(problem: TimeScalingProblem, method: str | None = None, jerk: bool = T
         problem = problem.with_contacts([c if c.system.fine else c.with_facets(c.facets[:0]) for c in contacts])
     figures = {"rounds": 0.0, "inner_programs": 0.0, "inner_seconds": 0.0, "relinearisations": 0.0}
     jerk = jerk and bool(np.isfinite(problem.jerk).any())
-    plan = None if guess is None or not jerk else _repeated(problem, method, figures, _outer_with_jerk, guess)
+    plan = None if problem.running is None or not jerk else _repeated(problem, method, figures, _outer_with_jerk)
     if plan is None or plan.status is not Status.SOLVED:
-        plan = _repeated(problem, method, figures, _outer, None)
+        plan = _repeated(problem, method, figures, _outer)
         if plan.status is Status.SOLVED and jerk:
             _require_bounded(plan)
-            plan = _repeated(plan.problem, method, figures, _outer_with_jerk, None)
+            plan = _repeated(plan.problem, method, figures, _outer_with_jerk)
     if plan.status is Status.INFEASIBLE and (at_rest := standstill(plan.problem)) >= 0:
         plan = replace(plan, stuck=at_rest)
     if plan.status is Status.SOLVED:
@@ -115,11 +115,12 @@ def _require_speeds(problem: TimeScalingProblem) -> None:
         most, speed = problem.x_max[end], problem.path.end_speeds[end]
         if speed**2 > most * (1.0 + ACTIVE_TOLERANCE):
             rate = float(np.linalg.norm(problem.limits.motion.q1[end]))
-            found, running = f"{rate * speed:.6g}", problem.s[end] not in (0.0, 1.0)
+            found = f"{rate * speed:.6g}"
+            if problem.s[end] not in (0.0, 1.0):  # the start of the rest of a running plan
+                key, found = "from_time", f"a speed of {found} there"
             raise ConfigError(
-                f"found {'a speed of ' * running}{found}{' there' * running}; expected at most "
-                f"{rate * np.sqrt(most):.6g}, because of {problem.x_max_names[end]}",
-                key="from_time" if running else key,
+                f"found {found}; expected at most {rate * np.sqrt(most):.6g}, because of {problem.x_max_names[end]}",
+                key=key,
             )
 
 
@@ -139,11 +140,9 @@ def _require_bounded(plan: Plan) -> None:
     )
 
 
-def _repeated(
-    problem: TimeScalingProblem, method: str, figures: dict[str, float], outer: Outer, guess: Plan | None
-) -> Plan:
+def _repeated(problem: TimeScalingProblem, method: str, figures: dict[str, float], outer: Outer) -> Plan:
     """Return the plan after rounds of missing rows and relinearisations, until neither is needed."""
-    plan = outer(problem, method, guess)
+    plan = outer(problem, method, None)
     programs: dict[int, ForceProgram] = {}
     shared: list[SharingSearch] = []
     before = np.inf
@@ -161,8 +160,7 @@ def _repeated(
             figures["relinearisations"] += tighter is not None
         if tighter is None:
             return plan
-        before, start = plan.duration, plan if guess is None else guess
-        plan = _retreated(outer(tighter, method, start), method, outer)
+        before, plan = plan.duration, _retreated(outer(tighter, method, plan.x), method, outer)
     status = Status.ITERATION_LIMIT
     return failed_plan(plan.problem, status, method, status.sentence, -1, plan.statistics)
 
@@ -187,20 +185,20 @@ def standstill(problem: TimeScalingProblem) -> int:
     return int(np.argmax(wrong)) if wrong.any() else -1
 
 
-def _outer(problem: TimeScalingProblem, method: str, guess: Plan | None) -> Plan:
+def _outer(problem: TimeScalingProblem, method: str, guess: Array | None) -> Plan:
     if method == "reachability":
         return solve_reachability(problem)
     from robustopt.solvers.ipopt import solve_ipopt
 
-    return solve_ipopt(problem, None if guess is None else guess.x)
+    return solve_ipopt(problem, guess)
 
 
-def _outer_with_jerk(problem: TimeScalingProblem, method: str, guess: Plan | None) -> Plan:
+def _outer_with_jerk(problem: TimeScalingProblem, method: str, guess: Array | None) -> Plan:
     if method == "reachability":
-        return solve_jerk(problem, guess)
+        return solve_jerk(problem)
     from robustopt.solvers.ipopt_jerk import solve_ipopt_jerk
 
-    return solve_ipopt_jerk(problem, guess)
+    return solve_ipopt_jerk(problem)
 
 
 def _with_missing_rows(
