@@ -6,13 +6,13 @@ limit of a drive applies to the sum of its torques, gravity compensation include
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 
 from robustopt.arrays import Array, Flags, Indices
-from robustopt.solvers.trajectory import Trajectory
+from robustopt.solvers.trajectory import Trajectory, joint_motion
 
 _INPUTS = mujoco.mjtCtrlInput
 POSITION_VELOCITY = int(_INPUTS.mjINPUT_POS) | int(_INPUTS.mjINPUT_VEL)
@@ -95,14 +95,25 @@ def reference(trajectory: Trajectory, timestep: float, hold: tuple[float, float]
     return Reference(t, start.s, start.q, start.qd, middle.qdd, moving)
 
 
-def standing(planned: Reference) -> Reference:
-    """Return the reference of a robot that stands still in the first position of a motion, one row.
+def run_up(trajectory: Trajectory) -> Reference:
+    """Return the reference at the start of a motion with the acceleration that the path gives there, one row.
 
     Args:
-        planned: the motion.
+        trajectory: the motion, which begins at a speed.
     """
-    still = np.zeros_like(planned.q[:1])
-    return Reference(planned.t[:1], planned.s[:1], planned.q[:1], still, still, np.zeros(1, dtype=bool))
+    path, sd = trajectory.path, trajectory.sd[:1]
+    sdd = path.end_accelerations[0] * (sd / path.end_speeds[0]) ** 2
+    found = joint_motion(path, trajectory.piece[:1], np.zeros(1), trajectory.s[:1], sd, sdd)
+    return Reference(found.t, found.s, found.q, found.qd, found.qdd, np.zeros(1, dtype=bool))
+
+
+def standing(moving: Reference) -> Reference:
+    """Return the reference of a robot that stands still in a position, one row.
+
+    Args:
+        moving: reference in this position, one row.
+    """
+    return replace(moving, qd=np.zeros_like(moving.qd), qdd=np.zeros_like(moving.qdd))
 
 
 def controls(model: mujoco.MjModel, layout: JointLayout, planned: Reference, driven: slice) -> Array:

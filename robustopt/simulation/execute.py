@@ -12,7 +12,7 @@ from robustopt.arrays import Array
 from robustopt.confidence import clopper_pearson
 from robustopt.config import Config, ExecutionConfig
 from robustopt.errors import ConfigError, SimulationFailed
-from robustopt.simulation.controller import WITH_TORQUE, computed_torque, reference, standing
+from robustopt.simulation.controller import WITH_TORQUE, Reference, computed_torque, reference, run_up, standing
 from robustopt.simulation.feedback import Feedback, feedback_of
 from robustopt.simulation.gains import gains_of, require_stable
 from robustopt.simulation.monte_carlo import Job, Progress, Workers, is_random, run_all
@@ -176,14 +176,30 @@ def prepare(plan: Plan, config: Config | None = None, seed: int | None = None, s
     path = trajectory.at_gridpoints().q
     gains = gains_of(config, plan.problem.robot, path)
     planned = reference(trajectory, execution.timestep, execution.hold)
-    still = standing(planned) if "start" in trajectory.path.moving_ends else None
-    job = Job(config, gains, planned, config.seed if seed is None else seed, still)
+    job = Job(config, gains, planned, config.seed if seed is None else seed)
     world = job.world
     model = world.model(world.nominal)
     require_stable(model, world.layout(model), gains, world.joint_names, path[::CHECKED, world.driven])
-    if gains.inputs != WITH_TORQUE:
-        return job
-    return job.with_torque(_torque(job, plan, speed), None if still is None else computed_torque(world.rigid(), still))
+    if "start" in trajectory.path.moving_ends:
+        job = job.with_standing(_standing(job, trajectory))
+    return job.with_torque(_torque(job, plan, speed)) if gains.inputs == WITH_TORQUE else job
+
+
+def _standing(job: Job, trajectory: Trajectory) -> Reference:
+    """Return the reference under which the world settles before a motion that begins at a speed, one row.
+
+    Without feedforward of the torque, the robot lags behind its reference, because the controller must supply the
+    torque. The position is behind the first one by the lag of a steady motion up to the start.
+    """
+    moving, rigid = run_up(trajectory), job.world.rigid()
+    still = standing(moving)
+    torque = computed_torque(rigid, still)
+    if job.gains.inputs == WITH_TORQUE:
+        return replace(still, torque=torque)
+    change, kp = computed_torque(rigid, moving) - torque, job.gains.kp
+    lag = np.zeros_like(still.q)
+    np.divide(change[:, job.world.driven], kp, out=lag[:, job.world.driven], where=kp > 0.0)
+    return replace(still, q=still.q - lag)
 
 
 def _torque(job: Job, plan: Plan, speed: float) -> Array:

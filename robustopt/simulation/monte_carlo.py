@@ -74,15 +74,23 @@ class Job:
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name != "world"}
 
-    def with_torque(self, torque: Array, standing: Array | None) -> Job:
+    def with_standing(self, standing: Reference) -> Job:
+        """Return the job of a motion that begins at a speed; it keeps the world that has been built.
+
+        Args:
+            standing: reference under which the world settles, one row.
+        """
+        return self._with(replace(self, standing=standing))
+
+    def with_torque(self, torque: Array) -> Job:
         """Return the job with a feedforward torque; it keeps the world that has been built.
 
         Args:
             torque: torque in the middle of each step (N, n) [N m or N].
-            standing: torque of the robot that stands in the first position of a motion that begins at a speed (1, n).
         """
-        still = None if self.standing is None else replace(self.standing, torque=standing)
-        job = replace(self, planned=replace(self.planned, torque=torque), standing=still)
+        return self._with(replace(self, planned=replace(self.planned, torque=torque)))
+
+    def _with(self, job: Job) -> Job:
         job.__dict__["world"] = self.world
         return job
 
@@ -159,7 +167,8 @@ def simulate_trials(job: Job, trials: Sequence[int], threads: int, workspace: Wo
     for inputs, k in zip(control, trials, strict=True):
         random = generator(job.seed, k, FORCE)
         inputs[:, at : at + 3] = forces(execution.disturbance, execution.timestep, len(job.planned.t), random)
-    placed = [world.start(layout, job.planned.q[0] + offset, model.nq) for offset in offsets]
+    first = job.planned.q[0] if job.standing is None else job.standing.q[0]
+    placed = [world.start(layout, first + offset, model.nq) for offset in offsets]
     start = np.round(placed, DECIMALS)
     launch = None if job.standing is None else _launch(job, job.standing, model, layout, offsets)
     record = simulate(models, start, control, threads, workspace, launch)
@@ -168,10 +177,10 @@ def simulate_trials(job: Job, trials: Sequence[int], threads: int, workspace: Wo
 
 def _launch(job: Job, standing: Reference, model: mujoco.MjModel, layout: Layout, offsets: Array) -> Launch:
     """Return the start of k trials in motion, whose joints have calibration offsets (k, n)."""
-    world, planned = job.world, job.planned
+    world, qd = job.world, job.planned.qd[0]
     inputs = np.repeat(controls(model, layout, standing, world.driven), len(offsets), axis=0)
     inputs[:, layout.control] += offsets[:, world.driven]
-    qvel = [world.start_velocity(layout, planned.q[0] + offset, planned.qd[0], model) for offset in offsets]
+    qvel = [world.start_velocity(layout, standing.q[0] + offset, qd, model) for offset in offsets]
     return Launch(inputs, np.array(qvel))
 
 
