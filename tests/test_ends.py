@@ -79,14 +79,6 @@ def test_a_speed_beyond_a_velocity_limit_is_an_error() -> None:
         plan_of(config)
 
 
-def test_jerk_limits_and_executions_need_rest_at_both_ends() -> None:
-    config = slide(start_speed=0.5)
-    with pytest.raises(ro.ConfigError, match=r"path\.start_speed: not allowed in an execution"):
-        ro.execute(plan_of(config), trials=1)
-    with pytest.raises(ro.ConfigError, match=r"path\.start_speed: not allowed with jerk limits"):
-        plan_of(ro.with_values(config, {"robot.limits": {"all": {"jerk": 100.0}}}))
-
-
 def test_an_exported_motion_says_that_its_end_is_slower() -> None:
     plan = plan_of(slide(end_speed=0.5))
     motion = whole_cycles(plan, 0.1)
@@ -198,12 +190,20 @@ def test_after_a_stop_the_rest_begins_when_the_pause_is_over() -> None:
     assert new.plan.duration == pytest.approx(bang_bang(0.6, MU * G), rel=5e-3)
 
 
-def test_walking_goes_on_in_its_stance() -> None:
+def test_the_rest_of_a_walk_is_planned_but_not_executed() -> None:
     config = ro.load_config(CONFIGS / "humanoid_step.yaml")
     running = plan_of(config, "reachability")
     new = ro.replan(running, 0.6 * running.duration, ro.with_values(config, {"solver.method": "reachability"}))
     assert new.plan.duration == pytest.approx(running.duration - new.time, rel=1e-6)
     assert ro.certify(new.plan).passed
+    with pytest.raises(ro.ConfigError, match="the rest of the plan of a walking robot cannot be executed"):
+        ro.execute(new.plan, trials=1)
+
+
+def test_a_running_plan_beyond_a_new_velocity_limit_is_an_error() -> None:
+    slower = ro.with_values(slide(), {"robot.limits": {"all": {"velocity": 0.5}}})
+    with pytest.raises(ro.ConfigError, match=r"from_time: found a speed of .* there; expected at most 0\.5, because"):
+        ro.replan(plan_of(slide()), 0.4, slower)
 
 
 @pytest.mark.parametrize("time", [-0.1, 10.0, float("nan")])
@@ -232,3 +232,46 @@ def test_figures_show_pauses(tmp_path: Any) -> None:
     assert {"joints.svg", "cartesian.svg", "contacts.svg"} <= {
         path.name for path in write_figures(plan, config, tmp_path)
     }
+
+
+# Executions ------------------------------------------------------------------------------------------------
+
+
+def test_a_motion_that_begins_and_ends_in_motion_is_executed() -> None:
+    """The block does not move on the tray: all bodies have the velocities of the plan from the first step on."""
+    config = ro.with_values(
+        slide(start_speed=0.8, end_speed=0.5),
+        {"execution": {"controller": {"feedforward": "computed_torque"}, "truth": {"friction": {"block": 1.02 * MU}}}},
+    )
+    plan = plan_of(config)
+    executions = ro.execute(plan, trials=1)
+    assert executions.successes == 1
+    assert executions.steps == np.ceil(plan.duration / executions.timestep)
+    assert executions.outcomes[0].tracking_error < 1e-4
+    assert executions.outcomes[0].objects["block"].slip < 1e-5
+
+
+def test_too_little_friction_fails_soon_after_a_start_in_motion() -> None:
+    config = ro.with_values(slide(start_speed=0.8), {"execution": {"truth": {"friction": {"block": 0.8 * MU}}}})
+    outcome = ro.execute(plan_of(config), trials=1).outcomes[0]
+    sliding = np.sqrt(2 * 0.005 / (0.2 * MU * G))  # until the block has moved by failure.slip
+    assert outcome.status.value == "slid"
+    assert outcome.time == pytest.approx(sliding, rel=0.1)
+
+
+def test_the_rest_of_a_running_plan_is_executed_with_its_suction_cup() -> None:
+    config = ro.load_config(
+        CONFIGS / "pick_suction.yaml", overrides=["solver.method=reachability", "solver.collocation_points=60"]
+    )
+    running = plan_of(config)
+    new = ro.replan(running, 0.4 * running.duration)
+    assert ro.execute(new.plan, trials=1).successes == 1
+
+
+def test_the_rest_goes_on_with_the_lag_of_the_running_plan() -> None:
+    """Without it, the acceleration would overshoot, and the block would move by 2.8 instead of 0.8 mm."""
+    running = plan_of(waiter("one_block", "solver.method=reachability", "solver.collocation_points=60"))
+    new = ro.replan(running, 0.2 * running.duration)
+    whole, rest = (ro.execute(plan, trials=1).outcomes[0] for plan in (running, new.plan))
+    assert rest.objects["block"].slip == pytest.approx(whole.objects["block"].slip, rel=0.2)
+    assert rest.tracking_error == pytest.approx(whole.tracking_error, rel=0.02)

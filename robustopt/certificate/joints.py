@@ -66,7 +66,8 @@ def check_jerk(plan: Plan, task: Task, at: Instants, tally: Tally) -> None:
         task.path.evaluate(s, piece, order)[:, chosen].T for s, order in ((at.s, 1), (at.s, 2), (at.inside, 3))
     )
     jerk = np.abs(q3 * speed**3 + 3.0 * q2 * speed * at.u + q1 * at.rate)
-    after, before = np.r_[plan.u, 0.0], np.r_[0.0, plan.u_end]  # 0 at rest and on the intervals without length
+    start, end = task.path.end_accelerations
+    after, before = np.r_[plan.u, end], np.r_[start, plan.u_end]  # 0 at rest and on the intervals without length
     jumps = np.abs(after - before) / JUMP_TIME
     where = np.flatnonzero(at.grid)
     nearest = where[np.argmin(np.abs(at.s[where][None] - plan.s[:, None]), axis=1)]

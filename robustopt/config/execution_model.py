@@ -170,7 +170,9 @@ class ExecutionConfig(Section):
         default=DisturbanceConfig(), description="random disturbances of the execution"
     )
     hold: tuple[NonNegative, NonNegative] = Field(
-        default=(0.2, 0.6), description="time for which the robot stands still before and after the motion [s]"
+        default=(0.2, 0.6),
+        description="time for which the robot stands still before and after the motion, except at an end at which it "
+        "moves [s]",
     )
     failure: FailureConfig = Field(default=FailureConfig(), description="criteria by which a trial fails")
     trials: int = Field(default=100, ge=1, le=1_000_000, description="number of Monte Carlo trials")

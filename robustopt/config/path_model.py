@@ -116,11 +116,13 @@ class PathConfig(Section):
     )
     start_speed: NonNegative = Field(
         default=0.0,
-        description="with joints: speed at the start, the length of the vector of joint velocities [rad/s or m/s]",
+        description="with joints: speed at the start, the length of the vector of joint velocities, which does not "
+        "change there if jerk is limited [rad/s or m/s]",
     )
     end_speed: NonNegative = Field(
         default=0.0,
-        description="with joints: speed at the end, the length of the vector of joint velocities [rad/s or m/s]",
+        description="with joints: speed at the end, the length of the vector of joint velocities, which does not "
+        "change there if jerk is limited [rad/s or m/s]",
     )
     pauses: tuple[PauseConfig, ...] = Field(
         default=(), description="waypoints or poses at which the robot stops, and for how long; not with steps"

@@ -121,6 +121,7 @@ class TimeScalingProblem:
         feasible: whether any (u, x) satisfies the rows of the grid point (P,).
         limits: the limits, from which the rows are made.
         kept: names of the limits that count, None for all.
+        running: x and sdd at the grid points (2, P) in a running plan, from which searches start; None without one.
     """
 
     config: Config
@@ -138,6 +139,7 @@ class TimeScalingProblem:
     feasible: Flags
     limits: Limits = field(repr=False)
     kept: frozenset[str] | None = None
+    running: Array | None = field(default=None, repr=False)
 
     @cached_property
     def ds(self) -> Array:
@@ -150,6 +152,13 @@ class TimeScalingProblem:
         fixed = np.where(self.rest, 0.0, np.nan)
         fixed[[0, -1]] = np.square(self.path.end_speeds)
         return fixed
+
+    @cached_property
+    def jerk(self) -> Array:
+        """Return the jerk limits that count, infinite for joints without one (n,) [rad/s^3 or m/s^3]."""
+        names, limits = self.limits.track.names(LimitKind.JERK), self.robot.limits.jerk
+        counted = [self.kept is None or name in self.kept for name in names]
+        return np.where(counted, limits, np.inf)
 
     @cached_property
     def pauses(self) -> Array:

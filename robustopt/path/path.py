@@ -41,6 +41,8 @@ class Path:
         recorded: duration of the recording that the path follows; None without one [s].
         pauses: time for which the robot stands still at each inner break (K-1,) [s].
         end_speeds: sd at the start and at the end [1/s].
+        end_accelerations: sdd at the start and at the end if jerk is limited [1/s^2]. The length of q' sd does not
+            change there, unless the path is the rest of a running plan.
 
     Args:
         pieces: splines q(s), one for each piece.
@@ -82,31 +84,35 @@ class Path:
             np.concatenate([piece.x if isinstance(piece, CubicSpline) else piece.t for piece in pieces])
         )
         self._derivatives = [[piece.derivative(order) if order else piece for order in range(4)] for piece in pieces]
-        self.end_speeds = self._speeds_along(speeds)
+        self._set_speeds(speeds)
 
     @property
     def moving_ends(self) -> tuple[str, ...]:
         """Return which ends of the path, `start` and `end`, the robot passes at a speed other than 0."""
         return tuple(end for end, speed in zip(("start", "end"), self.end_speeds, strict=True) if speed > 0.0)
 
-    def with_speeds(self, start: float, end: float) -> Path:
+    def with_speeds(self, start: float | None, end: float) -> Path:
         """Return the same path with other speeds at its ends.
 
         Args:
-            start: length of q' sd at the start [rad/s or m/s].
+            start: length of q' sd at the start [rad/s or m/s]; None to keep speed and acceleration there.
             end: length of q' sd at the end [rad/s or m/s].
         """
         other = copy(self)
-        other.end_speeds = self._speeds_along((start, end))
+        other._set_speeds((start or 0.0, end))
+        if start is None:
+            other.end_speeds = self.end_speeds[0], other.end_speeds[1]
+            other.end_accelerations = self.end_accelerations[0], other.end_accelerations[1]
         return other
 
-    def after(self, s: float, piece: int, speed: float) -> Path:
+    def after(self, s: float, piece: int, speed: float, acceleration: float) -> Path:
         """Return the part of the path from a position on, with the same s.
 
         Args:
             s: the position along the path.
             piece: piece of the path on which the part begins.
             speed: sd there [1/s].
+            acceleration: sdd there, from which it continues if jerk is limited [1/s^2].
         """
         other = copy(self)
         other.breaks = np.append(s, self.breaks[piece + 1 :])
@@ -115,15 +121,17 @@ class Path:
         other.switches = self.switches[self.switches > s]
         other.stances = self.stances[len(self.switches) - len(other.switches) :]
         other.end_speeds = speed, self.end_speeds[1]
+        other.end_accelerations = acceleration, self.end_accelerations[1]
         other._derivatives = self._derivatives[piece:]
         return other
 
-    def _speeds_along(self, speeds: tuple[float, float]) -> tuple[float, float]:
-        rates = np.linalg.norm(self(self.breaks[[0, -1]], 1), axis=1)
-        start, end = (
-            speed / max(float(rate), STILL) if speed else 0.0 for speed, rate in zip(speeds, rates, strict=True)
-        )
-        return start, end
+    def _set_speeds(self, speeds: tuple[float, float]) -> None:
+        q1, q2 = (self(self.breaks[[0, -1]], order) for order in (1, 2))
+        rates = np.maximum(np.linalg.norm(q1, axis=1), STILL)
+        start, end = (np.array(speeds) / rates).tolist()
+        before, after = (-np.sum(q1 * q2, axis=1) * (np.array(speeds) / rates**2) ** 2).tolist()
+        self.end_speeds: tuple[float, float] = (start, end)
+        self.end_accelerations: tuple[float, float] = (before + 0.0, after + 0.0)
 
     def evaluate(self, s: Array, piece: Indices, order: int = 0) -> Array:
         """Return a derivative of q with respect to s.

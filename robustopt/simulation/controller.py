@@ -6,13 +6,13 @@ limit of a drive applies to the sum of its torques, gravity compensation include
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 
 from robustopt.arrays import Array, Flags, Indices
-from robustopt.solvers.trajectory import Trajectory
+from robustopt.solvers.trajectory import Trajectory, joint_motion
 
 _INPUTS = mujoco.mjtCtrlInput
 POSITION_VELOCITY = int(_INPUTS.mjINPUT_POS) | int(_INPUTS.mjINPUT_VEL)
@@ -78,16 +78,42 @@ class JointLayout:
 def reference(trajectory: Trajectory, timestep: float, hold: tuple[float, float]) -> Reference:
     """Sample a trajectory at every time step, including the times at rest before and after the motion.
 
+    There is no time at rest at an end at which the robot moves.
+
     Args:
         trajectory: the trajectory.
         timestep: time step [s].
         hold: times at rest before and after the motion [s].
     """
-    steps = int(np.ceil((hold[0] + trajectory.duration + hold[1]) / timestep - 1e-6))
-    t = np.arange(steps, dtype=np.float64) * timestep - hold[0]
-    start, middle = trajectory.sample(t), trajectory.sample(t + timestep / 2)
+    moving_ends = trajectory.path.moving_ends
+    before, after = (0.0 if end in moving_ends else time for end, time in zip(("start", "end"), hold, strict=True))
+    steps = int(np.ceil((before + trajectory.duration + after) / timestep - 1e-6))
+    t = np.arange(steps, dtype=np.float64) * timestep - before
+    last = trajectory.duration if "end" in moving_ends else np.inf
+    start, middle = trajectory.sample(t), trajectory.sample(np.minimum(t + timestep / 2, last))
     moving = (middle.t > 0) & (middle.t < trajectory.duration)
     return Reference(t, start.s, start.q, start.qd, middle.qdd, moving)
+
+
+def run_up(trajectory: Trajectory) -> Reference:
+    """Return the reference at the start of a motion with the acceleration that the path gives there, one row.
+
+    Args:
+        trajectory: the motion, which begins at a speed.
+    """
+    path, sd = trajectory.path, trajectory.sd[:1]
+    sdd = path.end_accelerations[0] * (sd / path.end_speeds[0]) ** 2
+    found = joint_motion(path, trajectory.piece[:1], np.zeros(1), trajectory.s[:1], sd, sdd)
+    return Reference(found.t, found.s, found.q, found.qd, found.qdd, np.zeros(1, dtype=bool))
+
+
+def standing(moving: Reference) -> Reference:
+    """Return the reference of a robot that stands still in a position, one row.
+
+    Args:
+        moving: reference in this position, one row.
+    """
+    return replace(moving, qd=np.zeros_like(moving.qd), qdd=np.zeros_like(moving.qdd))
 
 
 def controls(model: mujoco.MjModel, layout: JointLayout, planned: Reference, driven: slice) -> Array:

@@ -12,7 +12,7 @@ from robustopt.arrays import Array
 from robustopt.confidence import clopper_pearson
 from robustopt.config import Config, ExecutionConfig
 from robustopt.errors import ConfigError, SimulationFailed
-from robustopt.simulation.controller import WITH_TORQUE, computed_torque, reference
+from robustopt.simulation.controller import WITH_TORQUE, Reference, computed_torque, reference, run_up, standing
 from robustopt.simulation.feedback import Feedback, feedback_of
 from robustopt.simulation.gains import gains_of, require_stable
 from robustopt.simulation.monte_carlo import Job, Progress, Workers, is_random, run_all
@@ -171,7 +171,7 @@ def prepare(plan: Plan, config: Config | None = None, seed: int | None = None, s
     execution = config.execution or ExecutionConfig()
     config = config.model_copy(update={"execution": execution})
     trajectory = Trajectory.from_plan(plan, speed)
-    _require_rests(plan)
+    _require_standing(plan)
     _require_usable(trajectory, execution)
     path = trajectory.at_gridpoints().q
     gains = gains_of(config, plan.problem.robot, path)
@@ -180,7 +180,26 @@ def prepare(plan: Plan, config: Config | None = None, seed: int | None = None, s
     world = job.world
     model = world.model(world.nominal)
     require_stable(model, world.layout(model), gains, world.joint_names, path[::CHECKED, world.driven])
+    if "start" in trajectory.path.moving_ends:
+        job = job.with_standing(_standing(job, trajectory))
     return job.with_torque(_torque(job, plan, speed)) if gains.inputs == WITH_TORQUE else job
+
+
+def _standing(job: Job, trajectory: Trajectory) -> Reference:
+    """Return the reference under which the world settles before a motion that begins at a speed, one row.
+
+    Without feedforward of the torque, the robot lags behind its reference, because the controller must supply the
+    torque. The position is behind the first one by the lag of a steady motion up to the start.
+    """
+    moving, rigid = run_up(trajectory), job.world.rigid()
+    still = standing(moving)
+    torque = computed_torque(rigid, still)
+    if job.gains.inputs == WITH_TORQUE:
+        return replace(still, torque=torque)
+    change, kp = computed_torque(rigid, moving) - torque, job.gains.kp
+    lag = np.zeros_like(still.q)
+    np.divide(change[:, job.world.driven], kp, out=lag[:, job.world.driven], where=kp > 0.0)
+    return replace(still, q=still.q - lag)
 
 
 def _torque(job: Job, plan: Plan, speed: float) -> Array:
@@ -208,10 +227,13 @@ def faster(plan: Plan, speed: float) -> Plan:
     return replace(plan, x=x, u=u, change=speed**2 * plan.change, duration=plan.duration / speed)
 
 
-def _require_rests(plan: Plan) -> None:
-    """Check that the motion begins and ends at rest, as a trial does."""
-    for end in plan.problem.path.moving_ends:
-        raise ConfigError("not allowed in an execution, which begins and ends at rest; expected 0", f"path.{end}_speed")
+def _require_standing(plan: Plan) -> None:
+    """Check that a walking robot begins and ends at rest: balance is lost if it starts in the middle of a step."""
+    if plan.problem.robot.base and plan.problem.path.moving_ends:
+        raise ConfigError(
+            "the rest of the plan of a walking robot cannot be executed; expected a plan that begins and ends at rest",
+            key="path",
+        )
 
 
 def _require_usable(trajectory: Trajectory, execution: ExecutionConfig) -> None:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from robustopt.arrays import Array
@@ -22,7 +23,7 @@ from robustopt.simulation.disturbance import CALIBRATION, FORCE, WORLD, calibrat
 from robustopt.simulation.feedback import with_errors
 from robustopt.simulation.outcome import TrialOutcome, diverged, judge
 from robustopt.simulation.parameters import Parameters, actual_parameters, varies
-from robustopt.simulation.simulation import Record, Workspace, positions_before, simulate
+from robustopt.simulation.simulation import Launch, Record, Workspace, positions_before, simulate
 from robustopt.simulation.world import Layout, World
 
 CHUNK = 25
@@ -43,12 +44,22 @@ Progress = Callable[[int, int, int], None]
 
 @dataclass(frozen=True)
 class Job:
-    """The data that a worker needs to run any trial."""
+    """The data that a worker needs to run any trial.
+
+    Attributes:
+        config: the configuration.
+        gains: gains of the controllers.
+        planned: reference of the controllers.
+        seed: seed of all trials.
+        standing: reference under which the world settles before a motion that does not begin at rest, one row; None
+            for the first row of `planned`.
+    """
 
     config: Config
     gains: Gains
     planned: Reference
     seed: int
+    standing: Reference | None = None
 
     @property
     def execution(self) -> ExecutionConfig:
@@ -63,13 +74,23 @@ class Job:
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name != "world"}
 
+    def with_standing(self, standing: Reference) -> Job:
+        """Return the job of a motion that begins at a speed; it keeps the world that has been built.
+
+        Args:
+            standing: reference under which the world settles, one row.
+        """
+        return self._with(replace(self, standing=standing))
+
     def with_torque(self, torque: Array) -> Job:
         """Return the job with a feedforward torque; it keeps the world that has been built.
 
         Args:
             torque: torque in the middle of each step (N, n) [N m or N].
         """
-        job = replace(self, planned=replace(self.planned, torque=torque))
+        return self._with(replace(self, planned=replace(self.planned, torque=torque)))
+
+    def _with(self, job: Job) -> Job:
         job.__dict__["world"] = self.world
         return job
 
@@ -146,10 +167,21 @@ def simulate_trials(job: Job, trials: Sequence[int], threads: int, workspace: Wo
     for inputs, k in zip(control, trials, strict=True):
         random = generator(job.seed, k, FORCE)
         inputs[:, at : at + 3] = forces(execution.disturbance, execution.timestep, len(job.planned.t), random)
-    placed = [world.start(layout, job.planned.q[0] + offset, model.nq) for offset in offsets]
+    first = job.planned.q[0] if job.standing is None else job.standing.q[0]
+    placed = [world.start(layout, first + offset, model.nq) for offset in offsets]
     start = np.round(placed, DECIMALS)
-    record = simulate(models, start, control, threads, workspace)
+    launch = None if job.standing is None else _launch(job, job.standing, model, layout, offsets)
+    record = simulate(models, start, control, threads, workspace, launch)
     return Prepared(trials, parameters, offsets, layout), record
+
+
+def _launch(job: Job, standing: Reference, model: mujoco.MjModel, layout: Layout, offsets: Array) -> Launch:
+    """Return the start of k trials in motion, whose joints have calibration offsets (k, n)."""
+    world, qd = job.world, job.planned.qd[0]
+    inputs = np.repeat(controls(model, layout, standing, world.driven), len(offsets), axis=0)
+    inputs[:, layout.control] += offsets[:, world.driven]
+    qvel = [world.start_velocity(layout, standing.q[0] + offset, qd, model) for offset in offsets]
+    return Launch(inputs, np.array(qvel))
 
 
 def _pushed(world: World, layout: Layout, name: str | None) -> int:

@@ -63,6 +63,19 @@ def velocities(record: Record, i: int, dofs: Indices) -> Array:
     return np.vstack([record.start_qvel[i, dofs], record.qvel[i][:, dofs]])
 
 
+@dataclass(frozen=True)
+class Launch:
+    """Start of k trials that begin in motion.
+
+    Attributes:
+        inputs: control inputs under which the world settles at rest (k, nu).
+        qvel: velocities that it has at once when recording starts (k, nv).
+    """
+
+    inputs: Array
+    qvel: Array
+
+
 class Workspace:
     """Large arrays for reuse from chunk to chunk, because filling new ones with zeros takes a tenth of a run.
 
@@ -86,9 +99,14 @@ class Workspace:
 
 
 def simulate(
-    models: Sequence[mujoco.MjModel], start: Array, control: Array, threads: int, workspace: Workspace
+    models: Sequence[mujoco.MjModel],
+    start: Array,
+    control: Array,
+    threads: int,
+    workspace: Workspace,
+    launch: Launch | None = None,
 ) -> Record:
-    """Run k trials from rest.
+    """Run k trials.
 
     Args:
         models: one model for all trials, or one for each.
@@ -96,6 +114,7 @@ def simulate(
         control: control inputs, then the external forces on all bodies (k, N, nu + 6 nbody).
         threads: number of threads.
         workspace: arrays for the record.
+        launch: start in motion; None to start from rest.
     """
     trials, steps = control.shape[:2]
     model = models[0]
@@ -103,7 +122,9 @@ def simulate(
     if len(models) > 1:
         batch.set_models(list(models))
     with _no_log_file():
-        _settle(batch, models, start, control[:, 0, : model.nu])
+        _settle(batch, models, start, control[:, 0, : model.nu] if launch is None else launch.inputs)
+    if launch is not None:
+        batch.bind("qvel")[:] = launch.qvel
     warned = _warned(batch)
     qpos, qvel = batch.bind("qpos").copy(), batch.bind("qvel").copy()
     sizes = {"qpos": model.nq, "qvel": model.nv, "sensordata": model.nsensordata, "qfrc_actuator": model.nv}

@@ -160,7 +160,8 @@ def _point(problem: TimeScalingProblem, point: int) -> int:
 
 
 def _solved(problem: TimeScalingProblem) -> Plan:
-    return solve(replace(problem, config=for_time(problem.config)), "reachability", jerk=False)
+    moving = bool(problem.path.moving_ends)
+    return solve(replace(problem, config=for_time(problem.config)), "reachability", jerk=moving)
 
 
 def _solvable(problem: TimeScalingProblem) -> bool:
@@ -175,12 +176,18 @@ def _conflicts(problem: TimeScalingProblem) -> Iterator[tuple[str, ...]]:
     limits = problem.robot.limits
     idle = {
         LimitName(kind, joint)
-        for kind, largest in ((LimitKind.ACCELERATION, limits.acceleration), (LimitKind.TORQUE, limits.torque))
+        for kind, largest in (
+            (LimitKind.ACCELERATION, limits.acceleration),
+            (LimitKind.TORQUE, limits.torque),
+        )
         for joint, limit in zip(problem.robot.joint_names, largest, strict=True)
         if np.isinf(limit)
     }
     speeds = (LimitKind.VELOCITY, LimitKind.CARTESIAN_SPEED)
     names = [name for name in problem.limits.names if name.kind not in speeds and name not in idle]
+    if problem.path.moving_ends:
+        jerk = problem.limits.track.names(LimitKind.JERK)
+        names += [name for name, limit in zip(jerk, limits.jerk, strict=True) if np.isfinite(limit)]
     while names and not _solvable(problem.only(names)):
         conflict = _irreducible(problem, names)
         yield tuple(conflict)
@@ -296,10 +303,11 @@ class _Trial:
             if any(candidate.key.startswith(("robot.", "path.")) for candidate in values):
                 path = self.problem.path
                 if config.path != self.problem.config.path:
-                    path = path.with_speeds(config.path.start_speed, config.path.end_speed)
+                    start = config.path.start_speed if path.breaks[0] == 0.0 else None
+                    path = path.with_speeds(start, config.path.end_speed)
                 robot = track.robot if config.robot == self.problem.config.robot else load_robot(config)
                 track = build_track(robot, path, track.grid)
-            changed = rows_along(track, config)
+            changed = replace(rows_along(track, config), running=self.problem.running)
             if method == "ipopt" and self.limits is None:
                 return solve(changed, jerk=False).status is Status.SOLVED
         except ConfigError:

@@ -2,7 +2,8 @@
 
 The unknowns, in the order of the path, are the multiplier of the first equation, x, u, the next multiplier, and so on,
 so the matrix is banded. The rows of the equations contain the derivatives of h, see `jerk_newton`; the columns of their
-multipliers do not.
+multipliers do not. If the robot moves at an end, its x and u are given there: their rows, and the one of the equation
+that would describe the interval from rest, are those of a step of 0.
 """
 
 from __future__ import annotations
@@ -26,7 +27,9 @@ def off_rows(program, z, work, right):
     """
     n, worst = len(program.away), 0.0
     for i in range(n + 1):
-        if i == 0:
+        if (i == 0 or i == n) and program.ends[min(i, 1)] == 0.0:
+            off = 0.0
+        elif i == 0:
             off = (program.ends[0] * z[1] - 2.0 / 3.0 * z[0]) / z[0]
         elif i == n:
             off = (program.ends[1] * z[2 * n - 1] + 2.0 / 3.0 * z[2 * n - 2]) / z[2 * n - 2]
@@ -72,6 +75,11 @@ def factorise(program, z, work, matrix):
         change_of_h(
             band[r + 2], z[2 * i : 2 * i + 4], work.dt[i + 1], h, x / scale, w / scale, x_next / scale, w_next / scale
         )
+    for end in range(2):
+        if program.ends[end] == 0.0:
+            first = end * (3 * n - 2)
+            band[first : first + 3] = 0.0
+            band[first : first + 3, BAND] = 1.0
     eliminate(band, work.lower, work.pivot)
 
 
@@ -124,6 +132,9 @@ def solve_factorised(program, z, work, right, step):
     for i in range(n):
         right[3 * i + 1] *= z[2 * i]
         right[3 * i + 2] *= z[2 * i] / program.away[i]
+    for end in range(2):
+        if program.ends[end] == 0.0:
+            right[end * (3 * n - 2) : end * (3 * n - 2) + 3] = 0.0
     for k in range(size):
         best = work.pivot[k]
         right[k], right[best] = right[best], right[k]
@@ -136,3 +147,6 @@ def solve_factorised(program, z, work, right, step):
     for i in range(n):
         step[2 * i] = right[3 * i + 1] * z[2 * i]
         step[2 * i + 1] = right[3 * i + 2] * z[2 * i] / program.away[i]
+    for end in range(2):
+        if program.ends[end] == 0.0:
+            step[end * (2 * n - 2) : end * (2 * n - 2) + 2] = 0.0

@@ -6,7 +6,8 @@ constant rate from u to u' in the time dt, which with the equations of the inter
     dt = 2 h / (sqrt(x) + sqrt(x')),   h = ds + (u' - u) dt^2 / 12,   x' - x = (u + u') h,
 
 and h differs little from the length ds. On the first interval the rate is constant from rest, so dt = 3 ds / sqrt(x')
-and u' = 2 x' / (3 ds); the last one is its mirror image. The jerk of a joint at a place of an interval is within J if
+and u' = 2 x' / (3 ds); the last one is its mirror image. If the robot moves at an end of the piece, this end is a point
+too, with x and u given, and there is no such interval. The jerk of a joint at a place of an interval is within J if
 
     dt -+ ((q''' x + 3 q'' u) r + q' (u' - u)) / J >= 0,   r = sqrt(x) dt,
 
@@ -19,6 +20,9 @@ otherwise go too far (our choice).
 Each step of Mehrotra's method solves the linearised conditions of optimality twice with one factorisation: for the
 centre whose gap is 0, and for a centre with a gap that depends on how far the first step leads. The slacks s of all
 limits g >= 0 are unknowns too, so a step need not stay within the limits.
+
+If x and u are given at an end, there may be no timing, or the limits may leave a single one. Therefore each limit may
+then be exceeded at a high cost, see `jerk_slacks`.
 """
 
 from __future__ import annotations
@@ -30,18 +34,21 @@ import numpy as np
 from robustopt.arrays import Array, Indices
 from robustopt.compiled import compiled, compiled_inner
 from robustopt.solvers.jerk_matrix import BAND, factorise, off_rows, solve_factorised
+from robustopt.solvers.jerk_slacks import Slacks, centre, left_gap, longest_of_limits, state
 
 TO_BORDER = 0.95
 """Part of the way to the first slack or multiplier, or x, that becomes 0, of a step."""
 
 
 class Program(NamedTuple):
-    """Program on one piece with n points between the rests; z is x, u of the first point, of the second, ..., 0, 0.
+    """Program on one piece with n points; z is x, u of the first point, of the second, ..., 0, 0.
+
+    Ends of the piece at which the robot moves are among the points.
 
     Attributes:
-        ends: lengths of the first and of the last interval (2,).
+        ends: lengths of the first interval from rest and of the last one to rest, 0 if the robot moves there (2,).
         ds: lengths of the other intervals (n - 1,).
-        away: distance of each point from the nearer rest (n,).
+        away: distance of each point from the nearer rest, or a like length near a moving end (n,).
         line_point: first of the two points that each linear limit depends on (l,).
         line: coefficients of x, u, x', u' in g = 1 + line z (l, 4).
         jerk_point: point at the start of the interval of each limit of a jerk (k,).
@@ -145,64 +152,58 @@ def measure(program, z, work):
 
 
 @compiled(error_model="numpy")
-def optimise(program, z, work, gap, accuracy, most, least):
+def optimise(program, z, work, gap, accuracy, most, least, penalty):
     """Improve a timing until it is optimal.
 
     Args:
         program: the program.
-        z: the timing (2 n + 2,), within the limits; becomes the optimal one, up to `accuracy`.
+        z: the timing (2 n + 2,), within the limits if `penalty` is infinite; becomes the optimal one, up to `accuracy`.
         work: its values are set.
         gap: gap at the start as a fraction of the duration.
         accuracy: gap, and error of all conditions, at the end.
         most: largest number of steps.
         least: least part of the curvature of the duration that is counted; 1 takes more steps and never overshoots.
+        penalty: cost of an excess by a whole limit, in durations at the start; infinite if no limit may be exceeded.
 
     Returns:
         The number of steps and the gap at the end.
     """
     n, m = len(program.away), len(work.g)
     measure(program, z, work)
-    slack, dual = work.g.copy(), np.empty(m)
-    total = work.dt.sum()
-    for k in range(m):
-        dual[k] = gap * total / (m * slack[k])
+    pairs = m if np.isinf(penalty) else 2 * m
+    limits = Slacks(work.g.copy(), np.empty(m), np.zeros(m), np.full(m, np.inf), np.empty(m), np.empty(m), np.zeros(m))
+    centre(program, work, limits, gap * work.dt.sum(), pairs, penalty)
     gradient, matrix = np.empty(2 * n + 2), np.empty((n, 8))
     right, step = np.empty(3 * n + 1), np.zeros(2 * n + 2)
-    d_slack, d_dual, aim = np.empty(m), np.empty(m), np.empty(m)
+    aim, aim_over = np.empty(m), np.zeros(m)
     for steps in range(most):
         total = work.dt.sum()
-        gap = (slack * dual).sum() / total
-        wrong = off_rows(program, z, work, right)
-        for k in range(m):
-            unit = 1.0 if k < len(program.line_point) else work.dt[work.point[k] + 1]
-            wrong = max(wrong, abs(work.g[k] - slack[k]) / unit)
+        gap, wrong = state(program, z, work, limits, right)
+        gap /= total
         if gap <= accuracy and wrong <= accuracy:
             return steps, gap
-        newton_matrix(program, z, work, slack, dual, least, gradient, matrix)
+        newton_matrix(program, z, work, limits, least, gradient, matrix)
         factorise(program, z, work, matrix)
         aim[:] = 0.0
+        aim_over[:] = 0.0
         for corrector in range(2):
-            newton_step(program, z, work, slack, dual, aim, gradient, right, step, d_slack, d_dual)
+            newton_step(program, z, work, limits, aim, aim_over, gradient, right, step)
             primal, other = longest(z, step), 1.0
-            for k in range(m):
-                if d_slack[k] < 0.0:
-                    primal = min(primal, -slack[k] / d_slack[k])
-                if d_dual[k] < 0.0:
-                    other = min(other, -dual[k] / d_dual[k])
+            primal, other = longest_of_limits(limits, primal, other)
             if not corrector:
-                left = 0.0
+                left = left_gap(limits, primal, other) / total
+                wanted = gap * total / pairs * max((left / gap) ** 3, 1e-3)
                 for k in range(m):
-                    left += (slack[k] + primal * d_slack[k]) * (dual[k] + other * d_dual[k])
-                left /= total
-                centre = gap * total / m * max((left / gap) ** 3, 1e-3)
-                for k in range(m):
-                    aim[k] = centre - d_slack[k] * d_dual[k]
+                    aim[k] = wanted - limits.d_slack[k] * limits.d_dual[k]
+                    if pairs > m:
+                        aim_over[k] = wanted + limits.d_over[k] * limits.d_dual[k]
         primal, other = min(TO_BORDER * primal, 1.0), min(TO_BORDER * other, 1.0)
         for j in range(2 * n):
             z[j] += primal * step[j]
         for k in range(m):
-            slack[k] += primal * d_slack[k]
-            dual[k] += other * d_dual[k]
+            limits.slack[k] += primal * limits.d_slack[k]
+            limits.dual[k] += other * limits.d_dual[k]
+            limits.over[k] += primal * limits.d_over[k]
         measure(program, z, work)
     return most, gap
 
@@ -218,13 +219,13 @@ def longest(z, step):
 
 
 @compiled_inner(error_model="numpy")
-def newton_matrix(program, z, work, slack, dual, least, gradient, matrix):
+def newton_matrix(program, z, work, limits, least, gradient, matrix):
     """Set the gradient of the duration, and the Newton matrix.
 
     Its columns are xx, xu, uu, those of x, u with x', u', and the part of the curvature of dt that counts.
     """
     n, lines = len(program.away), len(program.line_point)
-    dt = work.dt
+    dt, dual = work.dt, limits.dual
     gradient[:], matrix[:] = 0.0, 0.0
     curved = matrix[:, 7]
     curved[:] = 1.0
@@ -246,7 +247,10 @@ def newton_matrix(program, z, work, slack, dual, least, gradient, matrix):
         matrix[i + 1, 0] += part * 0.5 * fall_next / v_next * (2.0 / both + 1.0 / v_next)
         matrix[i, 3] += part * fall / (both * v_next)
     for k in range(len(dual)):
-        i, weight = work.point[k], dual[k] / slack[k]
+        room = limits.slack[k]
+        if limits.over[k] > 0.0:
+            room += dual[k] * limits.over[k] / (limits.bound[k] - dual[k])
+        i, weight = work.point[k], dual[k] / room
         a, b, c, d = work.slope[k]
         matrix[i, 0] += weight * a * a
         matrix[i, 1] += weight * a * b
@@ -262,15 +266,19 @@ def newton_matrix(program, z, work, slack, dual, least, gradient, matrix):
 
 
 @compiled_inner(error_model="numpy")
-def newton_step(program, z, work, slack, dual, aim, gradient, right, step, d_slack, d_dual):
-    """Set the step of z, of the slacks and of their multipliers towards products slack * dual = aim."""
-    n = len(program.away)
+def newton_step(program, z, work, limits, aim, aim_over, gradient, right, step):
+    """Set the step of z, and those of slacks, multipliers and excesses towards the products `aim` and `aim_over`."""
+    n, slack, dual, over = len(program.away), limits.slack, limits.dual, limits.over
     off_rows(program, z, work, right)
     for i in range(n):
         right[3 * i + 1], right[3 * i + 2] = -gradient[2 * i], -gradient[2 * i + 1]
     for k in range(len(slack)):
-        i = work.point[k]
-        pull = (aim[k] - dual[k] * (work.g[k] - slack[k])) / slack[k]
+        i, room, off = work.point[k], slack[k], work.g[k] - slack[k]
+        if over[k] > 0.0:
+            spare = limits.bound[k] - dual[k]
+            room += dual[k] * over[k] / spare
+            off = work.g[k] - room + aim_over[k] / spare
+        pull = (aim[k] - dual[k] * off) / room
         right[3 * i + 1] += pull * work.slope[k, 0]
         right[3 * i + 2] += pull * work.slope[k, 1]
         if i < n - 1:
@@ -279,10 +287,18 @@ def newton_step(program, z, work, slack, dual, aim, gradient, right, step, d_sla
     solve_factorised(program, z, work, right, step)
     for k in range(len(slack)):
         p = 2 * work.point[k]
-        d_slack[k] = work.g[k] - slack[k]
+        limits.d_slack[k] = work.g[k] - slack[k]
         for j in range(4):
-            d_slack[k] += work.slope[k, j] * step[p + j]
-        d_dual[k] = (aim[k] - dual[k] * d_slack[k]) / slack[k] - dual[k]
+            limits.d_slack[k] += work.slope[k, j] * step[p + j]
+        if over[k] == 0.0:
+            limits.d_dual[k] = (aim[k] - dual[k] * limits.d_slack[k]) / slack[k] - dual[k]
+            continue
+        spare = limits.bound[k] - dual[k]
+        change = dual[k] * over[k] / spare
+        off = limits.d_slack[k] - change + aim_over[k] / spare
+        limits.d_dual[k] = (aim[k] - dual[k] * off) / (slack[k] + change) - dual[k]
+        limits.d_over[k] = (aim_over[k] + over[k] * limits.d_dual[k]) / spare - over[k]
+        limits.d_slack[k] += over[k] + limits.d_over[k]
 
 
 @compiled(error_model="numpy")
@@ -295,13 +311,17 @@ def correct(program, z, work, most, accuracy):
         work: its values become those of the timing.
         most: largest number of steps; three are usual.
         accuracy: residual that is left, as a fraction of x.
+
+    Returns:
+        The residual.
     """
     n = len(program.away)
     right, step, matrix = np.empty(3 * n + 1), np.zeros(2 * n + 2), np.empty((n, 8))
     for _ in range(most):
         measure(program, z, work)
-        if off_rows(program, z, work, right) <= accuracy:
-            return
+        off = off_rows(program, z, work, right)
+        if off <= accuracy:
+            return off
         matrix[:] = 0.0
         for i in range(n):
             right[3 * i + 1] = right[3 * i + 2] = 0.0
@@ -310,3 +330,4 @@ def correct(program, z, work, most, accuracy):
         solve_factorised(program, z, work, right, step)
         z += step
     measure(program, z, work)
+    return off_rows(program, z, work, right)

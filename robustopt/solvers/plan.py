@@ -48,15 +48,20 @@ LOCAL_OPTIMUM = "Because jerk is limited, the plan is a local optimum."
 """Sentence for a solution with jerk limits, whose program is not convex."""
 
 
+NONE_FOUND = "No timing of the path was found that satisfies the limits."
+"""Sentence for the same program if speed and acceleration at an end of the path are given."""
+
+
 def outcome(status: Status, problem: TimeScalingProblem, local: bool = False) -> str:
     """Return the outcome of a solver in words, which mention intervals if there are any.
 
     Args:
         status: the outcome.
         problem: the problem.
-        local: whether a faster plan may exist that differs from a solution as a whole.
+        local: whether the search was a local one.
     """
-    sentence = LOCAL_OPTIMUM if local and status is Status.SOLVED else status.sentence
+    sentence = {Status.SOLVED: LOCAL_OPTIMUM, Status.INFEASIBLE: NONE_FOUND}.get(status) if local else None
+    sentence = sentence or status.sentence
     scoped = status in (Status.SOLVED, Status.INFEASIBLE) and has_intervals(problem.config)
     return f"{sentence.removesuffix('.')} for every value in the intervals." if scoped else sentence
 

@@ -74,7 +74,8 @@ def candidates(problem: TimeScalingProblem, conflict: Collection[str]) -> Iterat
     """
     config, robot = problem.config, problem.robot
     yield from _joint_candidates(robot, conflict)
-    yield from _shrinking("path.start_speed", "", config.path.start_speed, config.path.start_speed)
+    if problem.s[0] == 0.0:  # else the path is the rest of another one
+        yield from _shrinking("path.start_speed", "", config.path.start_speed, config.path.start_speed)
     yield from _shrinking("path.end_speed", "", config.path.end_speed, config.path.end_speed)
     systems = [limit.system for limit in problem.limits.contacts if set(limit.names) & set(conflict)]
     touched = [name for system in systems for name in system.contacts]
@@ -92,7 +93,8 @@ def candidates(problem: TimeScalingProblem, conflict: Collection[str]) -> Iterat
 
 def _joint_candidates(robot: Robot, conflict: Collection[str]) -> Iterator[Candidate]:
     for j, joint in enumerate(robot.joint_names):
-        for quantity, limits in (("acceleration", robot.limits.acceleration), ("torque", robot.limits.torque)):
+        own = robot.limits
+        for quantity, limits in (("acceleration", own.acceleration), ("torque", own.torque), ("jerk", own.jerk)):
             if f"{joint} {quantity}" in conflict:
                 key, limit = f"robot.limits.{joint}.{quantity}", float(limits[j])
                 yield Candidate(key, limit, MOST_JOINT_LIMIT * limit, _written_at(key))

@@ -65,7 +65,7 @@ def solve(problem: TimeScalingProblem, method: str | None = None, jerk: bool = T
     Args:
         problem: the problem.
         method: `ipopt` or `reachability`; by default the configured one.
-        jerk: False to ignore jerk limits, on which feasibility does not depend.
+        jerk: False to ignore jerk limits, on which feasibility does not depend if the path begins and ends at rest.
 
     Returns:
         The plan. If there is none, its status and message say why, and its arrays are empty.
@@ -82,11 +82,13 @@ def solve(problem: TimeScalingProblem, method: str | None = None, jerk: bool = T
         contacts = problem.limits.contacts
         problem = problem.with_contacts([c if c.system.fine else c.with_facets(c.facets[:0]) for c in contacts])
     figures = {"rounds": 0.0, "inner_programs": 0.0, "inner_seconds": 0.0, "relinearisations": 0.0}
-    plan = _repeated(problem, method, figures, _outer)
-    if plan.status is Status.SOLVED and jerk and np.isfinite(problem.robot.limits.jerk).any():
-        _require_bounded(plan)
-        _require_rests(plan)
-        plan = _repeated(plan.problem, method, figures, _outer_with_jerk)
+    jerk = jerk and bool(np.isfinite(problem.jerk).any())
+    plan = None if problem.running is None or not jerk else _repeated(problem, method, figures, _outer_with_jerk)
+    if plan is None or plan.status is not Status.SOLVED:
+        plan = _repeated(problem, method, figures, _outer)
+        if plan.status is Status.SOLVED and jerk:
+            _require_bounded(plan)
+            plan = _repeated(plan.problem, method, figures, _outer_with_jerk)
     if plan.status is Status.INFEASIBLE and (at_rest := standstill(plan.problem)) >= 0:
         plan = replace(plan, stuck=at_rest)
     if plan.status is Status.SOLVED:
@@ -113,9 +115,11 @@ def _require_speeds(problem: TimeScalingProblem) -> None:
         most, speed = problem.x_max[end], problem.path.end_speeds[end]
         if speed**2 > most * (1.0 + ACTIVE_TOLERANCE):
             rate = float(np.linalg.norm(problem.limits.motion.q1[end]))
+            found = f"{rate * speed:.6g}"
+            if problem.s[end] not in (0.0, 1.0):  # the start of the rest of a running plan
+                key, found = "from_time", f"a speed of {found} there"
             raise ConfigError(
-                f"found {rate * speed:.6g}; expected at most {rate * np.sqrt(most):.6g}, because of "
-                f"{problem.x_max_names[end]}",
+                f"found {found}; expected at most {rate * np.sqrt(most):.6g}, because of {problem.x_max_names[end]}",
                 key=key,
             )
 
@@ -134,12 +138,6 @@ def _require_bounded(plan: Plan) -> None:
         f"rad/s or m/s; give robot.limits.{joint} a velocity, acceleration or torque",
         key="robot.limits",
     )
-
-
-def _require_rests(plan: Plan) -> None:
-    """Check that a path whose jerk is limited begins and ends at rest."""
-    for end in plan.problem.path.moving_ends:
-        raise ConfigError("not allowed with jerk limits; expected 0", key=f"path.{end}_speed")
 
 
 def _repeated(problem: TimeScalingProblem, method: str, figures: dict[str, float], outer: Outer) -> Plan:
