@@ -33,7 +33,10 @@ if TYPE_CHECKING:
     from robustopt.errors import RunInUse as RunInUse
     from robustopt.errors import SimulationFailed as SimulationFailed
     from robustopt.errors import SolverFailed as SolverFailed
+    from robustopt.evidence import Failure as Failure
+    from robustopt.evidence import Peak as Peak
     from robustopt.exports.write import Exported as Exported
+    from robustopt.learning.outcomes import Executed as Executed
     from robustopt.limits import TimeScalingProblem as TimeScalingProblem
     from robustopt.path.collision import Collision as Collision
     from robustopt.runs.campaign import Judgement as Judgement
@@ -78,7 +81,9 @@ _NAMES = {
         "ConfigError", "ConfigProblem", "Infeasible", "PathError", "RobotError", "RobustOptError", "RunFolderError",
         "RunInUse", "SimulationFailed", "SolverFailed",
     ),
+    "robustopt.evidence": ("Failure", "Peak"),
     "robustopt.exports.write": ("Exported",),
+    "robustopt.learning.outcomes": ("Executed",),
     "robustopt.limits": ("TimeScalingProblem",),
     "robustopt.path.collision": ("Collision",),
     "robustopt.runs.campaign": ("Judgement", "Learned", "learn"),
