@@ -13,8 +13,10 @@ the chord over [0, x_top] is used: a first guess, which is final if no torque ro
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,7 +26,7 @@ from robustopt.limits.contact_limit import ContactLimit
 from robustopt.limits.motion import PathMotion
 from robustopt.limits.names import LimitName
 from robustopt.limits.polygons import Family, Polygons, RequiredWrench
-from robustopt.robot import Dynamics, JointLimits
+from robustopt.robot import JointLimits
 
 DIRECTION_TOLERANCE = 1e-9
 """A joint slower than this fraction of the fastest joint counts as at rest: its dry friction takes both signs."""
@@ -61,7 +63,7 @@ class Sharing:
         known: whether a joint torque is independent of how the contacts share the wrench (P, n).
         contacts: limit of each stance.
         standing: index of the stance of each grid point (P,); at a switch, of the stance with fewer contacts.
-        dynamics: dynamics along the path.
+        motion: motion along the path.
         limit: largest torque of each coordinate (n,) [N m].
         soles: certain contact points of each contact, about its centre (k, 2) [m].
         rows: rows found so far.
@@ -71,7 +73,7 @@ class Sharing:
     known: Flags
     contacts: tuple[ContactLimit, ...]
     standing: Indices
-    dynamics: Dynamics
+    motion: PathMotion
     limit: Array
     soles: Mapping[str, Array]
     rows: tuple[SharedRow, ...] = ()
@@ -124,20 +126,33 @@ def _always(points: int, count: int) -> Array:
     return rows
 
 
+class TorqueRows(NamedTuple):
+    """The rows of the joint torques, those of +tau first.
+
+    Attributes:
+        B: rows over the required wrench (P, 2n, d); 0 for torques that depend on how contacts share it.
+        base: affine part of the rows: links, dry friction and limit (P, 2n, 3).
+        viscous: coefficient of sqrt(x) (P, 2n).
+    """
+
+    B: Array
+    base: Array
+    viscous: Array
+
+
 @dataclass(frozen=True, eq=False)
 class TorqueLimit:
     """The limits of the joint torques. Rows are divided by their limits; those of +tau come first, then those of -tau.
 
-    Rows of joints without a limit hold their torques (see `torque_scale`) and count for nothing.
+    Rows of joints without a limit hold their torques (see `torque_scale`) and count for nothing. If no joint has a
+    limit, the rows are made only for those who ask for torques.
 
     Attributes:
         names: names of the limits (n,).
-        B: rows over the required wrench (P, 2n, d); 0 for torques that depend on how contacts share it.
+        made_rows: function that returns the rows, and makes them in its first call.
         loads: the required wrench.
-        base: affine part of the rows: links, dry friction and limit (P, 2n, 3).
         base_terms: contribution of each constant interval term of the wrench to a row (P, 2n, n_c), or (0, 0, 0) for
             none.
-        viscous: coefficient of sqrt(x) (P, 2n).
         limited: which rows have a finite limit (2n,).
         x_top: largest x that the joint velocities allow (P,).
         reference: x about which the viscous torque is linearised (P,), nan for none.
@@ -145,15 +160,28 @@ class TorqueLimit:
     """
 
     names: tuple[LimitName, ...]
-    B: Array
+    made_rows: Callable[[], TorqueRows]
     loads: RequiredWrench
-    base: Array
     base_terms: Array
-    viscous: Array
     limited: Flags
     x_top: Array
     reference: Array
     sharing: Sharing
+
+    @property
+    def B(self) -> Array:
+        """Return the rows over the required wrench (P, 2n, d)."""
+        return self.made_rows().B
+
+    @property
+    def base(self) -> Array:
+        """Return the affine part of the rows (P, 2n, 3)."""
+        return self.made_rows().base
+
+    @property
+    def viscous(self) -> Array:
+        """Return the coefficient of sqrt(x) in the rows (P, 2n)."""
+        return self.made_rows().viscous
 
     def carrying(self, payload: RequiredWrench, base_terms: Array) -> TorqueLimit:
         """Return the same limits with another payload and other half-widths of the acceleration error.
@@ -189,6 +217,8 @@ class TorqueLimit:
             used: which of the names count (n,).
         """
         chosen = np.tile(used, 2) & self.limited
+        if not chosen.any() and not self.sharing.rows:
+            return outline
         B, base, terms = self.B, self.base_at(self.reference, self.x_top), self.base_terms
         if not chosen.all():
             B, base = B[:, chosen], np.ascontiguousarray(base[:, chosen])
@@ -299,7 +329,18 @@ def payload_torque(
         error: middle and half-width of the acceleration error, (n,) each.
         x_top: largest x that the joint velocities allow (P,).
     """
-    (points, joints), (middle, radius) = motion.q1.shape, error
+    points, joints = motion.q1.shape
+    made_rows = cache(lambda: _payload_rows(motion, limits, error[0]))
+    terms = own_inertia_terms(motion, limits, loads, error[1])
+    none, known = np.full(points, np.nan), np.ones((points, joints), dtype=bool)
+    sharing = Sharing(loads, known, (), np.zeros(points, dtype=np.intp), motion, limits.torque, {})
+    limited = np.isfinite(np.tile(limits.torque, 2))
+    return TorqueLimit(names, made_rows, loads, terms, limited, x_top, none, sharing)
+
+
+def _payload_rows(motion: PathMotion, limits: JointLimits, middle: Array) -> TorqueRows:
+    """Return the rows of the joint torques of an arm, for the middle of the acceleration error (n,)."""
+    points, joints = motion.q1.shape
     scale = torque_scale(limits.torque)
     arm, limit = motion.dynamics, np.r_[scale, scale]
     sign = np.r_[np.ones(joints), -np.ones(joints)]
@@ -313,12 +354,7 @@ def payload_torque(
     )
     base /= limit[:, None]
     base[:, :, 2] -= 1.0
-    viscous = _both(limits.viscous_friction * motion.q1) * (sign / limit)
-    terms = own_inertia_terms(motion, limits, loads, radius)
-    none, known = np.full(points, np.nan), np.ones((points, joints), dtype=bool)
-    sharing = Sharing(loads, known, (), np.zeros(points, dtype=np.intp), arm, limits.torque, {})
-    limited = np.isfinite(np.tile(limits.torque, 2))
-    return TorqueLimit(names, B, loads, base, terms, viscous, limited, x_top, none, sharing)
+    return TorqueRows(B, base, _both(limits.viscous_friction * motion.q1) * (sign / limit))
 
 
 def _both(array: Array) -> Array:
@@ -337,6 +373,8 @@ def own_inertia_terms(motion: PathMotion, limits: JointLimits, loads: RequiredWr
     """
     erring, n = np.flatnonzero(radius), motion.q1.shape[1]
     terms = np.zeros((len(motion.q1), 2 * n, len(loads.constant_group)))
+    if not len(erring):
+        return terms
     terms[:, :n, : len(erring)] = motion.dynamics.mass_matrix[:, :, erring] * radius[erring]
     terms[:, :n] /= torque_scale(limits.torque)[:, None]
     terms[:, n:] = -terms[:, :n]
@@ -385,9 +423,8 @@ def legged_torque(
                 known[np.ix_(at, chain)] = False
     rows *= known[:, :, None]
     B = np.concatenate([rows, -rows], axis=1) / np.r_[limit, limit][:, None]
-    sharing = Sharing(loads, known, contacts, standing, motion.dynamics, limit, soles)
+    made = TorqueRows(B, _always(points, 2 * n), np.zeros((points, 2 * n)))
+    sharing = Sharing(loads, known, contacts, standing, motion, limit, soles)
     limited = np.tile(np.isfinite(limit), 2)
-    return TorqueLimit(
-        names, B, loads, _always(points, 2 * n), np.zeros((0, 0, 0)), np.zeros((points, 2 * n)), limited, x_top,
-        np.full(points, np.nan), sharing,
-    )  # fmt: skip
+    none = np.full(points, np.nan)
+    return TorqueLimit(names, lambda: made, loads, np.zeros((0, 0, 0)), limited, x_top, none, sharing)
