@@ -26,6 +26,7 @@ from robustopt.limits.contact_limit import ContactLimit
 from robustopt.limits.motion import PathMotion
 from robustopt.limits.names import LimitName
 from robustopt.limits.polygons import Family, Polygons, RequiredWrench
+from robustopt.limits.torque_sharing import SharedRow, Sharing, always
 from robustopt.robot import JointLimits
 
 DIRECTION_TOLERANCE = 1e-9
@@ -35,95 +36,6 @@ SLOWEST_REFERENCE = 1e-12
 """Smallest x, as a fraction of the largest that the joint velocities allow, about which viscous torque is linearised.
 The tangent of a root gets ever steeper towards 0; here its error is below a millionth of the viscous torque at full
 speed."""
-
-
-@dataclass(frozen=True, eq=False)
-class SharedRow:
-    """A row over the generalised force at one grid point that holds for every sharing of the wrench between contacts.
-
-    Attributes:
-        point: the grid point.
-        row: coefficients (n,).
-        constant: constant of row @ W + constant <= 0.
-        joint: index of the joint that the row is named after.
-    """
-
-    point: int
-    row: Array
-    constant: float
-    joint: int
-
-
-@dataclass(frozen=True, eq=False)
-class Sharing:
-    """Dependence of the torques of a robot on its environment contacts.
-
-    Attributes:
-        loads: the required wrench: of the payload, or with environment contacts the generalised force of the motion.
-        known: whether a joint torque is independent of how the contacts share the wrench (P, n).
-        contacts: limit of each stance.
-        standing: index of the stance of each grid point (P,); at a switch, of the stance with fewer contacts.
-        motion: motion along the path.
-        limit: largest torque of each coordinate (n,) [N m].
-        soles: certain contact points of each contact, about its centre (k, 2) [m].
-        rows: rows found so far.
-    """
-
-    loads: RequiredWrench
-    known: Flags
-    contacts: tuple[ContactLimit, ...]
-    standing: Indices
-    motion: PathMotion
-    limit: Array
-    soles: Mapping[str, Array]
-    rows: tuple[SharedRow, ...] = ()
-
-    def parts(self, stance: int) -> dict[str, slice]:
-        """Return the generators of each contact of a stance, as slices by contact.
-
-        Args:
-            stance: index of the stance.
-        """
-        system = self.contacts[stance].system
-        parts, first = {}, 0
-        for name in system.contacts:
-            count = len(self.soles[name]) * system.edges
-            parts[name] = slice(first, first + count)
-            first += count
-        return parts
-
-    def family(self, used: Flags, index: Indices) -> Family | None:
-        """Return the rows found so far as a family with as few columns as possible; None without a row.
-
-        Args:
-            used: whether the limit of each joint counts (n,).
-            index: number of the name of each joint's limit (n,).
-        """
-        rows = [row for row in self.rows if used[row.joint]]
-        if not rows:
-            return None
-        slots: dict[tuple[int, int], int] = {}
-        columns: dict[tuple[int, int], int] = {}
-        place = []
-        for row in rows:
-            slot = slots.get((row.point, row.joint), 0)
-            slots[row.point, row.joint] = slot + 1
-            place.append(columns.setdefault((row.joint, slot), len(columns)))
-        B, base = (
-            np.zeros((len(self.known), len(columns), len(self.limit))),
-            _always(len(self.known), len(columns)),
-        )
-        for row, column in zip(rows, place, strict=True):
-            B[row.point, column] = row.row
-            base[row.point, column, 2] = row.constant
-        return Family(B, self.loads, base, np.zeros((0, 0, 0)), np.array([index[joint] for joint, _ in columns]))
-
-
-def _always(points: int, count: int) -> Array:
-    """Return affine rows that always hold, (P, F, 3)."""
-    rows = np.zeros((points, count, 3))
-    rows[:, :, 2] = -1.0
-    return rows
 
 
 class TorqueRows(NamedTuple):
@@ -169,7 +81,7 @@ class TorqueLimit:
     sharing: Sharing
 
     @property
-    def B(self) -> Array:
+    def load_rows(self) -> Array:
         """Return the rows over the required wrench (P, 2n, d)."""
         return self.made_rows().B
 
@@ -219,7 +131,7 @@ class TorqueLimit:
         chosen = np.tile(used, 2) & self.limited
         if not chosen.any() and not self.sharing.rows:
             return outline
-        B, base, terms = self.B, self.base_at(self.reference, self.x_top), self.base_terms
+        B, base, terms = self.load_rows, self.base_at(self.reference, self.x_top), self.base_terms
         if not chosen.all():
             B, base = B[:, chosen], np.ascontiguousarray(base[:, chosen])
             terms = np.ascontiguousarray(terms[:, chosen]) if terms.size else terms
@@ -261,8 +173,8 @@ class TorqueLimit:
         Returns:
             Coefficients of (u, x, 1) (P, 3), and of sqrt(x) (P,).
         """
-        n = self.B.shape[1] // 2
-        rows = np.einsum("pfd,pdk->pfk", self.B, self.loads.middle()) + self.base
+        n = self.load_rows.shape[1] // 2
+        rows = np.einsum("pfd,pdk->pfk", self.load_rows, self.loads.middle()) + self.base
         return 0.5 * (rows[:, joint] - rows[:, n + joint]), self.viscous[:, joint]
 
     def torques(self, u: Array, x: Array) -> Array:
@@ -273,7 +185,7 @@ class TorqueLimit:
             x: sd^2 (P,).
         """
         columns = []
-        for joint in range(self.B.shape[1] // 2):
+        for joint in range(self.load_rows.shape[1] // 2):
             coefficients, viscous = self.nominal(joint)
             affine = coefficients[:, 0] * u + coefficients[:, 1] * x + coefficients[:, 2]
             columns.append(affine + viscous * np.sqrt(np.maximum(x, 0.0)))
@@ -287,7 +199,7 @@ class TorqueLimit:
             x: sd^2 (M,).
             points: grid point of each (M,).
         """
-        B = np.ascontiguousarray(self.B)
+        B = np.ascontiguousarray(self.load_rows)
         family = Family(B, self.loads, self.base, self.base_terms, np.arange(B.shape[1]))
         values = polygons.evaluate(family, points, u, x)
         values += self.viscous[points] * np.sqrt(np.maximum(x, 0.0))[:, None]
@@ -301,7 +213,7 @@ class TorqueLimit:
             x: sd^2 (M,).
             points: grid point of each (M,).
         """
-        n = self.B.shape[1] // 2
+        n = self.load_rows.shape[1] // 2
         values = np.where(self.limited, self.sides(u, x, points), -1.0)
         return np.maximum(values[:, :n], values[:, n:])
 
@@ -423,7 +335,7 @@ def legged_torque(
                 known[np.ix_(at, chain)] = False
     rows *= known[:, :, None]
     B = np.concatenate([rows, -rows], axis=1) / np.r_[limit, limit][:, None]
-    made = TorqueRows(B, _always(points, 2 * n), np.zeros((points, 2 * n)))
+    made = TorqueRows(B, always(points, 2 * n), np.zeros((points, 2 * n)))
     sharing = Sharing(loads, known, contacts, standing, motion, limit, soles)
     limited = np.tile(np.isfinite(limit), 2)
     none = np.full(points, np.nan)

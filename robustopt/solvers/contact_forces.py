@@ -18,7 +18,7 @@ from robustopt.config import BASE_COORDINATES as BASE
 from robustopt.config import FEET
 from robustopt.errors import Infeasible
 from robustopt.limits.load_sharing import distribute, willingness
-from robustopt.limits.torque import Sharing
+from robustopt.limits.torque_sharing import Sharing
 from robustopt.path import Path
 from robustopt.robot import Dynamics
 from robustopt.solvers.trajectory import Trajectory

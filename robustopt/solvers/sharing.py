@@ -18,7 +18,7 @@ from robustopt.config import BASE_COORDINATES as BASE
 from robustopt.limits.contact_limit import NO_BASE, NO_TERMS
 from robustopt.limits.formulas import evaluate, worst_wrench
 from robustopt.limits.load_sharing import distribute, willingness
-from robustopt.limits.torque import SharedRow, Sharing
+from robustopt.limits.torque_sharing import SharedRow, Sharing
 from robustopt.solvers.linear_program import LinearProgram
 
 VIOLATION = 1e-7
