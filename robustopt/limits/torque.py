@@ -217,6 +217,26 @@ class TorqueLimit:
         values = np.where(self.limited, self.sides(u, x, points), -1.0)
         return np.maximum(values[:, :n], values[:, n:])
 
+    def exceeds(self, most: float, u: Array, x: Array, points: Indices, used: Flags) -> bool:
+        """Return whether the excess of a torque is above a bound anywhere; rows far below it are not evaluated.
+
+        Args:
+            most: the bound, a fraction of the limit.
+            u: sdd (M,).
+            x: sd^2 at the grid point (M,).
+            points: grid point of each (M,).
+            used: which of the names count (n,).
+        """
+        rows, chosen = self.made_rows(), np.tile(used, 2) & self.limited
+        base, speed = rows.base.copy(), np.zeros(len(rows.base))
+        speed[points] = np.sqrt(np.maximum(x, 0.0))
+        base[:, :, 2] += rows.viscous * speed[:, None] - most
+        B, base, terms = (part if chosen.all() or not part.size else np.ascontiguousarray(part[:, chosen])
+                          for part in (rows.B, base, self.base_terms))  # fmt: skip
+        family = Family(np.ascontiguousarray(B), self.loads, base, terms, np.arange(B.shape[1]))
+        values, _ = polygons.worst(family, points, u, x)
+        return bool(values.any())
+
 
 def torque_scale(limit: Array) -> Array:
     """Return the torques by which rows are divided: the limits, and 1 N m or 1 N for joints without one.

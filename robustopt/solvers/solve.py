@@ -293,8 +293,8 @@ def _relinearised(plan: Plan, before: float) -> TimeScalingProblem | None:
         return None
     if np.isnan(problem.reference).all():
         own = [name.kind == LimitKind.TORQUE for name in problem.row_names]
-        clear, most = not binding_rows(plan)[:, own].any(), -NEAR_TORQUE
+        clear, most = not (any(own) and binding_rows(plan)[:, own].any()), -NEAR_TORQUE
     else:
         clear, most = abs(before - plan.duration) <= SAME_DURATION * plan.duration, TORQUE_TOLERANCE
-    clear = clear and problem.torque_excess(*grid_points(plan)) <= most
+    clear = clear and not problem.torque_exceeds(most, *grid_points(plan))
     return None if clear else problem.with_reference(plan.x)
