@@ -65,7 +65,7 @@ Written by `python experiments/bench_splines.py`.
   acceleration and jerk limits of 1 rad/s, 5 rad/s² and 50 rad/s³, each within 10 %; {intervals} intervals. All solvers
   have the same path, and all times are medians of the CPU time in one process, one spline after the other.
 - "Rows" is the time from the path to the rows of the program, with the derivatives of the path; "solution" is the call
-  of the solver. robustopt computes the dynamics of the arm for its rows too, though no torque is limited here.
+  of the solver.
 - "Duration" is the median. copp-py's is by its own integration of its timing. "Longer" is the median of the excess over
   the shorter of the two durations of a spline.
 - "Beyond a limit" is the largest excess of any limit at ten places between neighbouring grid points on any spline; a

@@ -64,6 +64,7 @@ LAYERS = [
     ["limits/polygons"],
     ["limits/formulas"],
     ["limits/wrenches", "limits/generalised_force", "limits/contact_limit"],
+    ["limits/torque_sharing"],
     ["limits/torque", "limits/cartesian"],
     ["limits/track"],
     ["limits/limit", "limits/contacts", "limits/speed_between"],

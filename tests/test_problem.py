@@ -121,7 +121,7 @@ def test_rows_of_a_slide_are_the_closed_form() -> None:
     acceleration = limits_of.track.acceleration(limits_of.uncertainty.error)
     np.testing.assert_allclose(acceleration[3], [[length / 2, 0, -1], [-length / 2, 0, -1]], atol=1e-12)
     torque, base = limits_of.torque, limits_of.torque.base[3]
-    load = torque.B[3] @ torque.loads.middle()[3]
+    load = torque.load_rows[3] @ torque.loads.middle()[3]
     expected = np.array([[3.5 * length, 0, 0.5 - 5.0], [-3.5 * length, 0, -0.5 - 5.0]]) / 5.0
     np.testing.assert_allclose(load + base, expected, atol=1e-12)
     problem = build_problem(config)

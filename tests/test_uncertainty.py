@@ -242,6 +242,10 @@ def test_torques_are_mujoco_s_with_the_load_welded_on(kind: str) -> None:
     limit = problem.robot.limits.torque
     excess = problem.limits.torque.sides(u, x, points)
     np.testing.assert_array_equal(problem.limits.torque.excess(u, x, points), np.maximum(excess[:, :6], excess[:, 6:]))
+    for k, largest in enumerate(excess.max(axis=1)):
+        at = u[[k]], x[[k]], points[[k]]
+        assert problem.torque_exceeds(largest - 1e-9, *at)
+        assert not problem.torque_exceeds(largest + 1e-9, *at)
     rng = np.random.default_rng(8)
     for k, (point, uk, xk) in enumerate(zip(points, u, x, strict=True)):
         for draw in [mechanics.nominal(problem), *mechanics.random_draws(problem, 6, rng)]:

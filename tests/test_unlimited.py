@@ -10,7 +10,7 @@ from robustopt.certificate import certify
 from robustopt.config import Config
 from robustopt.config.load import dump, load_config
 from robustopt.errors import ConfigError
-from robustopt.robot import load_robot
+from robustopt.robot import Robot, load_robot
 from robustopt.solvers import Plan, Status
 from robustopt.solvers.diagnosis import diagnose
 
@@ -140,3 +140,14 @@ def test_a_plan_without_limits_is_executed_reported_and_drawn(run, tmp_path):
     code, out, _ = run("execute", tmp_path / "run", "--json", "--out", tmp_path / "executed")
     assert code == 0
     assert json.loads(out)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_without_load_and_torque_limits_a_plan_needs_no_dynamics(method, monkeypatch):
+    robot = {"model": "tx90l", "tool": "flange", "limits": {"all": {"torque": np.inf}}}
+    path = {"joints": [[0.0] * 6, [0.5] * 6]}
+    config = Config.model_validate({"name": "bare", "robot": robot, "objects": {}, "path": path})
+    with monkeypatch.context() as without:
+        without.setattr(Robot, "dynamics", lambda *_: pytest.fail("no limit needs the dynamics"))
+        plan = solved(config, method)
+    assert np.isfinite(plan.problem.torques(np.append(plan.u, 0.0), plan.x)).all()

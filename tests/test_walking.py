@@ -29,7 +29,7 @@ from robustopt.errors import ConfigError, PathError, RobotError
 from robustopt.learning.learner import Belief
 from robustopt.limits import TimeScalingProblem
 from robustopt.limits.formulas import evaluate
-from robustopt.limits.torque import Sharing
+from robustopt.limits.torque_sharing import Sharing
 from robustopt.path.footsteps import footsteps
 from robustopt.plotting import figures, house_style
 from robustopt.robot.model_file import MODELS

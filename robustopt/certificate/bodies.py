@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from robustopt.arrays import Array, Indices
-from robustopt.certificate.motion import CARRIER
+from robustopt.certificate.motion import CARRIER, picked
 from robustopt.certificate.realizable import FIRST, SECOND, extreme_inertias, random_inertias
 from robustopt.config import Config
 from robustopt.config.object_model import ObjectConfig, TrayConfig
@@ -158,7 +158,7 @@ class Parameters:
 
     def at(self, index: int | Indices | slice) -> Parameters:
         """Return some of the sets of values, selected along the last axis."""
-        return Parameters(*(values[..., index] for values in self.arrays()))
+        return Parameters(*(picked(values, index) for values in self.arrays()))
 
     def repeated(self, count: int) -> Parameters:
         """Return one set of values, repeated `count` times along a new last axis."""

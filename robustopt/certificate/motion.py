@@ -141,12 +141,22 @@ def _cubic(
     return s, speed**2, u + tau * rate, tau, rate
 
 
+def picked(values: Array, index: int | Indices | slice) -> Array:
+    """Return values at some of the indices of the last axis, along which the result is contiguous in memory.
+
+    Args:
+        values: the values (..., T).
+        index: the indices.
+    """
+    return values[..., index] if isinstance(index, slice) else np.asarray(np.take(values, index, axis=-1))
+
+
 class Series:
     """Base class of dataclasses of arrays with T instants as their last axis, or of mappings of such series."""
 
     def at(self, index: Indices | slice) -> Self:
         """Return the series at some of the instants."""
-        return self._mapped(lambda values: values[..., index])
+        return self._mapped(lambda values: picked(values, index))
 
     def _mapped(self, change: Any) -> Self:
         def changed(value: Any) -> Any:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -16,20 +17,24 @@ from robustopt.robot.dynamics import CarrierMotion
 class PathMotion:
     """Motion along a path at P grid points.
 
+    The dynamics are computed when they are first asked for: limits of velocity and acceleration need none.
+
     Attributes:
-        q: coordinates (P, n).
-        q1: q' (P, n).
-        q2: q'' (P, n).
-        dynamics: dynamics of the links alone.
-        regressors: wrench per inertial parameter about the carrier's origin, carrier axes, per u, x, 1 and acceleration
-            error of each coordinate (P, 3 + n, 6, 10); None for a robot that carries nothing.
+        robot: the robot.
+        q: coordinates (P, n) [rad or m].
+        q1: derivatives q'(s) (P, n).
+        q2: second derivatives q''(s) (P, n).
     """
 
+    robot: Robot = field(repr=False)
     q: Array
     q1: Array
     q2: Array
-    dynamics: Dynamics
-    regressors: Array | None
+
+    @cached_property
+    def dynamics(self) -> Dynamics:
+        """Return the dynamics of the links alone."""
+        return self.robot.dynamics(self.q, self.q1, self.q2)
 
     @property
     def carrier(self) -> CarrierMotion:
@@ -37,11 +42,13 @@ class PathMotion:
         assert self.dynamics.carrier is not None, "this robot carries nothing"
         return self.dynamics.carrier
 
-    @property
+    @cached_property
     def wrench_map(self) -> Array:
-        """Return the regressors of a robot that has a carrier frame."""
-        assert self.regressors is not None, "this robot carries nothing"
-        return self.regressors
+        """Return the wrench per inertial parameter about the carrier's origin of a robot that has a carrier frame.
+
+        It is in carrier axes, per u, x, 1 and acceleration error of each coordinate (P, 3 + n, 6, 10).
+        """
+        return _regressors(self.carrier, self.q1, self.q2)
 
     def squeeze_torque(self, direction: Array) -> Array:
         """Return the generalised force of a unit internal force between the first two hands, (P, n) [N m].
@@ -52,20 +59,6 @@ class PathMotion:
         hands = self.carrier.hands
         assert hands is not None, "a single tool has no internal force"
         return np.asarray(np.einsum("pcj,c->pj", (hands[0] - hands[1])[:, :3], direction))
-
-
-def path_motion(robot: Robot, q: Array, q1: Array, q2: Array) -> PathMotion:
-    """Return the motion of a robot along a path.
-
-    Args:
-        robot: the robot.
-        q: coordinates at the grid points (P, n) [rad or m].
-        q1: derivatives q'(s) (P, n).
-        q2: second derivatives q''(s) (P, n).
-    """
-    dynamics = robot.dynamics(q, q1, q2)
-    carrier = dynamics.carrier
-    return PathMotion(q, q1, q2, dynamics, None if carrier is None else _regressors(carrier, q1, q2))
 
 
 def _regressors(carrier: CarrierMotion, q1: Array, q2: Array) -> Array:

@@ -245,18 +245,19 @@ class TimeScalingProblem:
             return np.ones(len(index), dtype=bool)
         return np.array([self.limits.names[k] in self.kept for k in index], dtype=bool)
 
-    def torque_excess(self, u: Array, x: Array, points: Indices) -> float:
-        """Return the largest excess of a joint torque over its limit, relative to it, over all uncertain quantities.
+    def torque_exceeds(self, most: float, u: Array, x: Array, points: Indices) -> bool:
+        """Return whether a joint torque exceeds its limit by more than a fraction of it, over all uncertain quantities.
 
         The torque is the exact one, without linearisation.
 
         Args:
+            most: the fraction; negative for a distance below the limit.
             u: sdd (M,).
-            x: sd^2 (M,).
+            x: sd^2 at the grid point (M,).
             points: grid point of each (M,).
         """
         counted = self.counts(np.arange(2 * self.robot.n, 3 * self.robot.n))
-        return float(self.limits.torque.excess(u, x, points)[:, counted].max(initial=-1.0))
+        return self.limits.torque.exceeds(most, u, x, points, counted)
 
     def torques(self, u: Array, x: Array) -> Array:
         """Return the nominal joint torques at the grid points, payload and joint friction included, (P, n) [N m].

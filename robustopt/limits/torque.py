@@ -13,8 +13,10 @@ the chord over [0, x_top] is used: a first guess, which is final if no torque ro
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,7 +26,8 @@ from robustopt.limits.contact_limit import ContactLimit
 from robustopt.limits.motion import PathMotion
 from robustopt.limits.names import LimitName
 from robustopt.limits.polygons import Family, Polygons, RequiredWrench
-from robustopt.robot import Dynamics, JointLimits
+from robustopt.limits.torque_sharing import SharedRow, Sharing, always
+from robustopt.robot import JointLimits
 
 DIRECTION_TOLERANCE = 1e-9
 """A joint slower than this fraction of the fastest joint counts as at rest: its dry friction takes both signs."""
@@ -35,109 +38,33 @@ The tangent of a root gets ever steeper towards 0; here its error is below a mil
 speed."""
 
 
-@dataclass(frozen=True, eq=False)
-class SharedRow:
-    """A row over the generalised force at one grid point that holds for every sharing of the wrench between contacts.
+class TorqueRows(NamedTuple):
+    """The rows of the joint torques, those of +tau first.
 
     Attributes:
-        point: the grid point.
-        row: coefficients (n,).
-        constant: constant of row @ W + constant <= 0.
-        joint: index of the joint that the row is named after.
+        B: rows over the required wrench (P, 2n, d); 0 for torques that depend on how contacts share it.
+        base: affine part of the rows: links, dry friction and limit (P, 2n, 3).
+        viscous: coefficient of sqrt(x) (P, 2n).
     """
 
-    point: int
-    row: Array
-    constant: float
-    joint: int
-
-
-@dataclass(frozen=True, eq=False)
-class Sharing:
-    """Dependence of the torques of a robot on its environment contacts.
-
-    Attributes:
-        loads: the required wrench: of the payload, or with environment contacts the generalised force of the motion.
-        known: whether a joint torque is independent of how the contacts share the wrench (P, n).
-        contacts: limit of each stance.
-        standing: index of the stance of each grid point (P,); at a switch, of the stance with fewer contacts.
-        dynamics: dynamics along the path.
-        limit: largest torque of each coordinate (n,) [N m].
-        soles: certain contact points of each contact, about its centre (k, 2) [m].
-        rows: rows found so far.
-    """
-
-    loads: RequiredWrench
-    known: Flags
-    contacts: tuple[ContactLimit, ...]
-    standing: Indices
-    dynamics: Dynamics
-    limit: Array
-    soles: Mapping[str, Array]
-    rows: tuple[SharedRow, ...] = ()
-
-    def parts(self, stance: int) -> dict[str, slice]:
-        """Return the generators of each contact of a stance, as slices by contact.
-
-        Args:
-            stance: index of the stance.
-        """
-        system = self.contacts[stance].system
-        parts, first = {}, 0
-        for name in system.contacts:
-            count = len(self.soles[name]) * system.edges
-            parts[name] = slice(first, first + count)
-            first += count
-        return parts
-
-    def family(self, used: Flags, index: Indices) -> Family | None:
-        """Return the rows found so far as a family with as few columns as possible; None without a row.
-
-        Args:
-            used: whether the limit of each joint counts (n,).
-            index: number of the name of each joint's limit (n,).
-        """
-        rows = [row for row in self.rows if used[row.joint]]
-        if not rows:
-            return None
-        slots: dict[tuple[int, int], int] = {}
-        columns: dict[tuple[int, int], int] = {}
-        place = []
-        for row in rows:
-            slot = slots.get((row.point, row.joint), 0)
-            slots[row.point, row.joint] = slot + 1
-            place.append(columns.setdefault((row.joint, slot), len(columns)))
-        B, base = (
-            np.zeros((len(self.known), len(columns), len(self.limit))),
-            _always(len(self.known), len(columns)),
-        )
-        for row, column in zip(rows, place, strict=True):
-            B[row.point, column] = row.row
-            base[row.point, column, 2] = row.constant
-        return Family(B, self.loads, base, np.zeros((0, 0, 0)), np.array([index[joint] for joint, _ in columns]))
-
-
-def _always(points: int, count: int) -> Array:
-    """Return affine rows that always hold, (P, F, 3)."""
-    rows = np.zeros((points, count, 3))
-    rows[:, :, 2] = -1.0
-    return rows
+    B: Array
+    base: Array
+    viscous: Array
 
 
 @dataclass(frozen=True, eq=False)
 class TorqueLimit:
     """The limits of the joint torques. Rows are divided by their limits; those of +tau come first, then those of -tau.
 
-    Rows of joints without a limit hold their torques (see `torque_scale`) and count for nothing.
+    Rows of joints without a limit hold their torques (see `torque_scale`) and count for nothing. If no joint has a
+    limit, the rows are made only for those who ask for torques.
 
     Attributes:
         names: names of the limits (n,).
-        B: rows over the required wrench (P, 2n, d); 0 for torques that depend on how contacts share it.
+        made_rows: function that returns the rows, and makes them in its first call.
         loads: the required wrench.
-        base: affine part of the rows: links, dry friction and limit (P, 2n, 3).
         base_terms: contribution of each constant interval term of the wrench to a row (P, 2n, n_c), or (0, 0, 0) for
             none.
-        viscous: coefficient of sqrt(x) (P, 2n).
         limited: which rows have a finite limit (2n,).
         x_top: largest x that the joint velocities allow (P,).
         reference: x about which the viscous torque is linearised (P,), nan for none.
@@ -145,15 +72,28 @@ class TorqueLimit:
     """
 
     names: tuple[LimitName, ...]
-    B: Array
+    made_rows: Callable[[], TorqueRows]
     loads: RequiredWrench
-    base: Array
     base_terms: Array
-    viscous: Array
     limited: Flags
     x_top: Array
     reference: Array
     sharing: Sharing
+
+    @property
+    def load_rows(self) -> Array:
+        """Return the rows over the required wrench (P, 2n, d)."""
+        return self.made_rows().B
+
+    @property
+    def base(self) -> Array:
+        """Return the affine part of the rows (P, 2n, 3)."""
+        return self.made_rows().base
+
+    @property
+    def viscous(self) -> Array:
+        """Return the coefficient of sqrt(x) in the rows (P, 2n)."""
+        return self.made_rows().viscous
 
     def carrying(self, payload: RequiredWrench, base_terms: Array) -> TorqueLimit:
         """Return the same limits with another payload and other half-widths of the acceleration error.
@@ -189,7 +129,9 @@ class TorqueLimit:
             used: which of the names count (n,).
         """
         chosen = np.tile(used, 2) & self.limited
-        B, base, terms = self.B, self.base_at(self.reference, self.x_top), self.base_terms
+        if not chosen.any() and not self.sharing.rows:
+            return outline
+        B, base, terms = self.load_rows, self.base_at(self.reference, self.x_top), self.base_terms
         if not chosen.all():
             B, base = B[:, chosen], np.ascontiguousarray(base[:, chosen])
             terms = np.ascontiguousarray(terms[:, chosen]) if terms.size else terms
@@ -231,8 +173,8 @@ class TorqueLimit:
         Returns:
             Coefficients of (u, x, 1) (P, 3), and of sqrt(x) (P,).
         """
-        n = self.B.shape[1] // 2
-        rows = np.einsum("pfd,pdk->pfk", self.B, self.loads.middle()) + self.base
+        n = self.load_rows.shape[1] // 2
+        rows = np.einsum("pfd,pdk->pfk", self.load_rows, self.loads.middle()) + self.base
         return 0.5 * (rows[:, joint] - rows[:, n + joint]), self.viscous[:, joint]
 
     def torques(self, u: Array, x: Array) -> Array:
@@ -243,7 +185,7 @@ class TorqueLimit:
             x: sd^2 (P,).
         """
         columns = []
-        for joint in range(self.B.shape[1] // 2):
+        for joint in range(self.load_rows.shape[1] // 2):
             coefficients, viscous = self.nominal(joint)
             affine = coefficients[:, 0] * u + coefficients[:, 1] * x + coefficients[:, 2]
             columns.append(affine + viscous * np.sqrt(np.maximum(x, 0.0)))
@@ -257,7 +199,7 @@ class TorqueLimit:
             x: sd^2 (M,).
             points: grid point of each (M,).
         """
-        B = np.ascontiguousarray(self.B)
+        B = np.ascontiguousarray(self.load_rows)
         family = Family(B, self.loads, self.base, self.base_terms, np.arange(B.shape[1]))
         values = polygons.evaluate(family, points, u, x)
         values += self.viscous[points] * np.sqrt(np.maximum(x, 0.0))[:, None]
@@ -271,9 +213,29 @@ class TorqueLimit:
             x: sd^2 (M,).
             points: grid point of each (M,).
         """
-        n = self.B.shape[1] // 2
+        n = self.load_rows.shape[1] // 2
         values = np.where(self.limited, self.sides(u, x, points), -1.0)
         return np.maximum(values[:, :n], values[:, n:])
+
+    def exceeds(self, most: float, u: Array, x: Array, points: Indices, used: Flags) -> bool:
+        """Return whether the excess of a torque is above a bound anywhere; rows far below it are not evaluated.
+
+        Args:
+            most: the bound, a fraction of the limit.
+            u: sdd (M,).
+            x: sd^2 at the grid point (M,).
+            points: grid point of each (M,).
+            used: which of the names count (n,).
+        """
+        rows, chosen = self.made_rows(), np.tile(used, 2) & self.limited
+        base, speed = rows.base.copy(), np.zeros(len(rows.base))
+        speed[points] = np.sqrt(np.maximum(x, 0.0))
+        base[:, :, 2] += rows.viscous * speed[:, None] - most
+        B, base, terms = (part if chosen.all() or not part.size else np.ascontiguousarray(part[:, chosen])
+                          for part in (rows.B, base, self.base_terms))  # fmt: skip
+        family = Family(np.ascontiguousarray(B), self.loads, base, terms, np.arange(B.shape[1]))
+        values, _ = polygons.worst(family, points, u, x)
+        return bool(values.any())
 
 
 def torque_scale(limit: Array) -> Array:
@@ -299,7 +261,18 @@ def payload_torque(
         error: middle and half-width of the acceleration error, (n,) each.
         x_top: largest x that the joint velocities allow (P,).
     """
-    (points, joints), (middle, radius) = motion.q1.shape, error
+    points, joints = motion.q1.shape
+    made_rows = cache(lambda: _payload_rows(motion, limits, error[0]))
+    terms = own_inertia_terms(motion, limits, loads, error[1])
+    none, known = np.full(points, np.nan), np.ones((points, joints), dtype=bool)
+    sharing = Sharing(loads, known, (), np.zeros(points, dtype=np.intp), motion, limits.torque, {})
+    limited = np.isfinite(np.tile(limits.torque, 2))
+    return TorqueLimit(names, made_rows, loads, terms, limited, x_top, none, sharing)
+
+
+def _payload_rows(motion: PathMotion, limits: JointLimits, middle: Array) -> TorqueRows:
+    """Return the rows of the joint torques of an arm, for the middle of the acceleration error (n,)."""
+    points, joints = motion.q1.shape
     scale = torque_scale(limits.torque)
     arm, limit = motion.dynamics, np.r_[scale, scale]
     sign = np.r_[np.ones(joints), -np.ones(joints)]
@@ -313,12 +286,7 @@ def payload_torque(
     )
     base /= limit[:, None]
     base[:, :, 2] -= 1.0
-    viscous = _both(limits.viscous_friction * motion.q1) * (sign / limit)
-    terms = own_inertia_terms(motion, limits, loads, radius)
-    none, known = np.full(points, np.nan), np.ones((points, joints), dtype=bool)
-    sharing = Sharing(loads, known, (), np.zeros(points, dtype=np.intp), arm, limits.torque, {})
-    limited = np.isfinite(np.tile(limits.torque, 2))
-    return TorqueLimit(names, B, loads, base, terms, viscous, limited, x_top, none, sharing)
+    return TorqueRows(B, base, _both(limits.viscous_friction * motion.q1) * (sign / limit))
 
 
 def _both(array: Array) -> Array:
@@ -337,6 +305,8 @@ def own_inertia_terms(motion: PathMotion, limits: JointLimits, loads: RequiredWr
     """
     erring, n = np.flatnonzero(radius), motion.q1.shape[1]
     terms = np.zeros((len(motion.q1), 2 * n, len(loads.constant_group)))
+    if not len(erring):
+        return terms
     terms[:, :n, : len(erring)] = motion.dynamics.mass_matrix[:, :, erring] * radius[erring]
     terms[:, :n] /= torque_scale(limits.torque)[:, None]
     terms[:, n:] = -terms[:, :n]
@@ -385,9 +355,8 @@ def legged_torque(
                 known[np.ix_(at, chain)] = False
     rows *= known[:, :, None]
     B = np.concatenate([rows, -rows], axis=1) / np.r_[limit, limit][:, None]
-    sharing = Sharing(loads, known, contacts, standing, motion.dynamics, limit, soles)
+    made = TorqueRows(B, always(points, 2 * n), np.zeros((points, 2 * n)))
+    sharing = Sharing(loads, known, contacts, standing, motion, limit, soles)
     limited = np.tile(np.isfinite(limit), 2)
-    return TorqueLimit(
-        names, B, loads, _always(points, 2 * n), np.zeros((0, 0, 0)), np.zeros((points, 2 * n)), limited, x_top,
-        np.full(points, np.nan), sharing,
-    )  # fmt: skip
+    none = np.full(points, np.nan)
+    return TorqueLimit(names, lambda: made, loads, np.zeros((0, 0, 0)), limited, x_top, none, sharing)

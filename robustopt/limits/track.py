@@ -19,7 +19,7 @@ from robustopt.limits.bodies import Body
 from robustopt.limits.cartesian import bound_speeds, speed_names
 from robustopt.limits.generalised_force import generalised_force
 from robustopt.limits.grid import Grid
-from robustopt.limits.motion import PathMotion, path_motion
+from robustopt.limits.motion import PathMotion
 from robustopt.limits.names import LimitKind, LimitName
 from robustopt.limits.polygons import Polygons, RequiredWrench, cut_affine, start
 from robustopt.limits.torque import TorqueLimit, own_inertia_terms, payload_torque
@@ -203,7 +203,7 @@ def build_track(robot: Robot, path: Path, grid: Grid) -> Track:
     doubled = np.flatnonzero(np.diff(grid.s) == 0)
     rest[doubled] = rest[doubled + 1] = True
     q, q1, q2 = (path.evaluate(grid.s, grid.piece, order) for order in (0, 1, 2))
-    motion = path_motion(robot, q, q1, q2)
+    motion = PathMotion(robot, q, q1, q2)
     rates = carrier_rates(robot, path)
     x_max, fastest = _velocity_bound(q1, robot.limits.velocity)
     x_max, slowest = bound_speeds(robot, path, grid, x_max)

@@ -92,10 +92,14 @@ def percent(share: float) -> str:
 
 
 def save(figure: Figure, folder: Path, name: str, formats: Iterable[str] = ("svg", "png")) -> list[Path]:
-    """Write a figure in each format, without date or random identifiers, and return the files."""
+    """Write a figure in each format, without date or random identifiers, and return the files.
+
+    The layout of the first format stays for the others: it takes longer than drawing.
+    """
     paths = [folder / f"{name}.{suffix}" for suffix in formats]
     for path in paths:
         metadata = {"Date": None} if path.suffix == ".svg" else {"Software": None}
         with written(path) as beside:
             figure.savefig(beside, metadata=metadata)
+        figure.set_layout_engine("none")
     return paths

@@ -89,7 +89,7 @@ def problem_size(problem: TimeScalingProblem) -> ProblemSize:
     """
     systems = [family.system for family in problem.limits.contacts]
     facets = sum(len(system.facets) for system in systems)
-    rows = 2 * problem.robot.n + problem.limits.torque.B.shape[1] + facets
+    rows = 2 * problem.robot.n + len(problem.limits.torque.limited) + facets
     return ProblemSize(
         collocation_points=problem.limits.track.grid.intervals,
         grid_points=len(problem.s),

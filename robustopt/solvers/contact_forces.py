@@ -18,7 +18,7 @@ from robustopt.config import BASE_COORDINATES as BASE
 from robustopt.config import FEET
 from robustopt.errors import Infeasible
 from robustopt.limits.load_sharing import distribute, willingness
-from robustopt.limits.torque import Sharing
+from robustopt.limits.torque_sharing import Sharing
 from robustopt.path import Path
 from robustopt.robot import Dynamics
 from robustopt.solvers.trajectory import Trajectory
@@ -152,14 +152,14 @@ def planned_forces(plan: Plan) -> ContactForces:
         forces=forces,
         points=corners,
         axes={name: place.axes for name, place in path.stances[0].places.items()},
-        torque=_torque(sharing.dynamics, points, required, forces, corners),
+        torque=_torque(sharing.motion.dynamics, points, required, forces, corners),
         residual=residual,
     )
 
 
 def _nominal_force(sharing: Sharing, points: Indices, u: Array, x: Array) -> Array:
     """Return the nominal generalised force at grid points (M,), without acceleration error, (M, n) [N, N m]."""
-    dynamics = sharing.dynamics
+    dynamics = sharing.motion.dynamics
     force = dynamics.force_u[points] * u[:, None] + dynamics.force_x[points] * x[:, None] + dynamics.force_0[points]
     if dynamics.carrier is None:
         return force

@@ -31,6 +31,12 @@ LEAST_START = 1e-9
 RELAXED = 2e-9
 """Relaxation of rows, as a fraction of their limits: twice the tolerance of `reachability.passes`."""
 
+LEAST_PRODUCT = 1e-100
+"""Smallest product of slacks of which one logarithm is taken: a further factor leaves it far from underflow."""
+
+SHORTEST = 1e-12
+"""Share of a step at which the search for a better timing along it ends."""
+
 TO_BOUNDARY = 0.95
 """Share of the way to the nearest bound that a step may take."""
 
@@ -124,13 +130,16 @@ def _slacks(G1, G2, h, at, x, slack):
 @compiled()
 def _barrier(x, ds, slack, weight):
     """Return the value of the barrier, weight * duration - sum log slack."""
-    value = 0.0
+    value, product = 0.0, 1.0
     for i in range(len(ds)):
         if ds[i] > 0.0:
             value += weight * 2.0 * ds[i] / (np.sqrt(x[i]) + np.sqrt(x[i + 1]))
-    for k in range(len(slack)):
-        value -= np.log(slack[k])
-    return value
+    for k in range(len(slack)):  # a logarithm of several factors, as long as their product has full accuracy
+        product *= slack[k]
+        if not LEAST_PRODUCT < product < 1.0 / LEAST_PRODUCT:
+            value -= np.log(product)
+            product = 1.0
+    return value - np.log(product)
 
 
 @compiled()
@@ -196,23 +205,30 @@ def polish(a, b, c, x_max, ds, feasible, free):
     work, dx = np.zeros(P), np.zeros(P)
     duration = _derivatives(x, ds, gradient, diagonal, off)
     weight = n / (FIRST_GAP * duration)
+    value = _barrier(x, ds, slack, weight)
     for _ in range(STEPS):
         duration = _derivatives(x, ds, gradient, diagonal, off)
         _add_barrier(G1, G2, at, slack, weight, gradient, diagonal, off)
         _solve_tridiagonal(diagonal, off, -gradient, free, work, dx)
         decrement = -np.dot(gradient, dx)
         step = _step_inside(G1, G2, at, x, dx, slack, free)
-        value = _barrier(x, ds, slack, weight)
-        while step > 1e-12:
+        after = value
+        while step > SHORTEST:
             enough = value - 0.01 * step * decrement + 1e-12 * abs(value)
-            inside = _slacks(G1, G2, h, at, x + step * dx, trial) > 0.0
-            if inside and _barrier(x + step * dx, ds, trial, weight) <= enough:
-                break
+            if _slacks(G1, G2, h, at, x + step * dx, trial) > 0.0:
+                after = _barrier(x + step * dx, ds, trial, weight)
+                if after <= enough:
+                    break
             step *= 0.5
         x += step * dx
-        _slacks(G1, G2, h, at, x, slack)
+        if step > SHORTEST:
+            slack, trial, value = trial, slack, after
+        else:
+            _slacks(G1, G2, h, at, x, slack)
+            value = _barrier(x, ds, slack, weight)
         if decrement < CENTRED:
             if n / weight <= ACCURACY * duration:
                 break
             weight *= SHARPEN
+            value = _barrier(x, ds, slack, weight)
     return x, n / weight

@@ -18,7 +18,7 @@ from robustopt.config import BASE_COORDINATES as BASE
 from robustopt.limits.contact_limit import NO_BASE, NO_TERMS
 from robustopt.limits.formulas import evaluate, worst_wrench
 from robustopt.limits.load_sharing import distribute, willingness
-from robustopt.limits.torque import SharedRow, Sharing
+from robustopt.limits.torque_sharing import SharedRow, Sharing
 from robustopt.solvers.linear_program import LinearProgram
 
 VIOLATION = 1e-7
@@ -110,7 +110,7 @@ def program_at(sharing: Sharing, point: int, counted: Flags) -> tuple[SharingPro
     joints = np.flatnonzero(~sharing.known[point] & counted)
     pull = np.zeros((len(joints), generators.shape[1]))
     for name, part in sharing.parts(stance).items():
-        pull[:, part] = sharing.dynamics.contact_jacobians[name][point][:, joints].T @ generators[:, part]
+        pull[:, part] = sharing.motion.dynamics.contact_jacobians[name][point][:, joints].T @ generators[:, part]
     return SharingProgram(generators, pull, sharing.limit[joints], family.weight), joints
 
 
@@ -228,7 +228,7 @@ def _explicit_use(sharing: Sharing, counted: Flags, points: Indices, force: Arra
         left = force[here].copy()
         for name, part in parts.items():
             push = forces[:, part] @ system.generators[:, part].T
-            jacobian = sharing.dynamics.contact_jacobians[name][points[here]]
+            jacobian = sharing.motion.dynamics.contact_jacobians[name][points[here]]
             left -= (np.swapaxes(jacobian, 1, 2) @ push[:, :, None])[:, :, 0]
         shares = np.abs(left / sharing.limit)[:, counted & ~sharing.known[points[here[0]]]]
         use[here] = np.where(miss > MISS, np.inf, shares.max(axis=1))

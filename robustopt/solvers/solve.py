@@ -286,12 +286,13 @@ def _relinearised(plan: Plan, before: float) -> TimeScalingProblem | None:
     plan that the linearisation is about [s].
     """
     problem = plan.problem
-    if not problem.limits.torque.viscous.any():
+    torque = problem.limits.torque
+    if not torque.limited.any() or not torque.viscous.any():
         return None
     if np.isnan(problem.reference).all():
-        torque = [name.kind == LimitKind.TORQUE for name in problem.row_names]
-        clear, most = not binding_rows(plan)[:, torque].any(), -NEAR_TORQUE
+        own = [name.kind == LimitKind.TORQUE for name in problem.row_names]
+        clear, most = not (any(own) and binding_rows(plan)[:, own].any()), -NEAR_TORQUE
     else:
         clear, most = abs(before - plan.duration) <= SAME_DURATION * plan.duration, TORQUE_TOLERANCE
-    clear = clear and problem.torque_excess(*grid_points(plan)) <= most
+    clear = clear and not problem.torque_exceeds(most, *grid_points(plan))
     return None if clear else problem.with_reference(plan.x)
