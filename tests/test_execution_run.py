@@ -212,7 +212,7 @@ def test_a_stored_plan_reads_back_number_for_number(stored):
 
 
 def test_a_stored_plan_and_its_task_have_the_same_executions(run, tmp_path, stored):
-    assert run("execute", stored, "--out", "a", "--quiet") == (0, "", "")
+    assert run("execute", stored, "--no-figures", "--out", "a", "--quiet") == (0, "", "")
     assert run("execute", WAITER, *QUICK, *TRUTH, "execution.trials=30", "--out", "b", "--quiet") == (0, "", "")
     for name in ("executions.csv", "plan.csv"):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
