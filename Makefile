@@ -54,6 +54,7 @@ docs: $(VENV)/.run  ## write the reference of the configuration and its JSON Sch
 bench: $(VENV)/.test  ## time the solvers side by side, into results/benchmarks
 	$(BIN)/python experiments/bench_planning.py
 	$(BIN)/python experiments/bench_splines.py
+	$(BIN)/python experiments/quintics.py
 
 bench-execution: $(VENV)/.test  ## time executions beside a bare MuJoCo rollout, into results/benchmarks
 	$(BIN)/python experiments/bench_execution.py

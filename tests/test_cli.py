@@ -388,7 +388,9 @@ def test_an_interrupt_that_an_extension_module_turns_into_another_error_is_an_in
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["Ctrl-C", "terminate"])
+@pytest.mark.parametrize(
+    "number", [pytest.param(signal.SIGINT, marks=pytest.mark.slow, id="Ctrl-C"), pytest.param(signal.SIGTERM, id="end")]
+)
 def test_ctrl_c_in_the_middle_leaves_nothing(tmp_path, number):
     command = [sys.executable, "-m", "robustopt", "plan", str(WAITER), "solver.collocation_points=5000"]
     process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)

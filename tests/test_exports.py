@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 import yaml
 from scenes import CONFIGS, plan_of, scene
+from scipy.interpolate import BPoly
 
 import robustopt as ro
-from robustopt.exports.cycles import whole_cycles
+from robustopt.exports.cycles import at_jerk_steps, whole_cycles
+from robustopt.exports.quintics import largest_jerk
 from robustopt.solvers.trajectory import Trajectory
 
 FORMATS = ("csv", "ros", "moveit", "urscript", "npz")
@@ -23,6 +25,14 @@ FORMATS = ("csv", "ros", "moveit", "urscript", "npz")
 def arm() -> ro.Plan:
     small = ["solver.method=reachability", "solver.collocation_points=60", "uncertainty={}"]
     return plan_of(ro.load_config(CONFIGS / "waiter_one_block.yaml", small))
+
+
+@pytest.fixture(scope="module")
+def smooth() -> ro.Plan:
+    """A plan with a jerk limit, a pause and a stop."""
+    small = ["solver.method=reachability", "solver.collocation_points=60", "uncertainty={}"]
+    changes = ["robot.limits.all={jerk: 100}", "path.pauses=[{waypoint: 1, time: 0.01}]"]
+    return plan_of(ro.load_config(CONFIGS / "waiter_two_blocks.yaml", [*small, *changes]))
 
 
 @pytest.fixture(scope="module")
@@ -87,6 +97,52 @@ def test_a_slower_motion_that_the_certificate_does_not_cover_says_so(slide):
     assert len(whole_cycles(slide, 0.3).notes) == 1
     assert "the certificate of the plan does not cover the slower motion" in whole_cycles(falling, 0.3).notes[1]
     assert whole_cycles(falling, slide.duration / 3).notes == ()
+
+
+# Steps of the jerk ----------------------------------------------------------------------------------------
+
+
+def interpolated_jerk(t, q, qd, qdd) -> np.ndarray:
+    """Largest jerk of polynomials of fifth degree, at many places, (n,)."""
+    polynomial = BPoly.from_derivatives(t, np.stack([q, qd, qdd], axis=1)).derivative(3)
+    places = (t[:-1, None] + np.diff(t)[:, None] * np.linspace(1e-6, 1.0 - 1e-6, 21)).ravel()
+    return np.abs(polynomial(places)).max(axis=0)
+
+
+def test_points_at_the_steps_of_the_jerk_keep_its_limit_between_them(smooth, tmp_path):
+    exported = ro.export(smooth, format="ros", out=tmp_path / "a.json")
+    t, q, qd, qdd = read(exported.file)
+    plan = Trajectory.from_plan(smooth)
+    jerk = interpolated_jerk(t, q, qd, qdd).max()
+    assert 0.99 < jerk / 100.0 < 1.001
+    assert exported.jerk == pytest.approx(jerk / 100.0, rel=1e-4)
+    assert exported.duration == pytest.approx(smooth.duration, abs=1e-9)
+    assert np.diff(t).max() <= 0.004 + 1e-9
+    assert np.abs(t[:, None] - plan.times).min(axis=0).max() <= 1e-9
+    np.testing.assert_allclose(q, plan.sample(np.minimum(t, plan.duration)).q, rtol=0.0, atol=1e-12)
+    (note,) = exported.notes
+    assert note.startswith("polynomials of fifth degree between the samples, as in ROS controllers, reach 100.0 %")
+
+
+@pytest.mark.parametrize("period", [0.002, 0.008])
+def test_whole_cycles_say_how_far_the_jerk_between_them_exceeds_its_limit(smooth, tmp_path, period):
+    exported = ro.export(smooth, period=period, out=tmp_path / "a.json")
+    samples = whole_cycles(smooth, period).samples
+    jerk = interpolated_jerk(samples.t, samples.q, samples.qd, samples.qdd)
+    np.testing.assert_allclose(largest_jerk(samples), jerk, rtol=1e-3)
+    assert exported.jerk == pytest.approx(jerk.max() / 100.0, rel=1e-3)
+    assert exported.jerk > 1.1
+    assert exported.notes[-1].endswith("ros and moveit without a period have a sample at every step of the jerk")
+    assert ro.export(smooth, format="urscript", period=0.008, out=tmp_path / "a.script").jerk is None
+
+
+def test_only_messages_have_points_at_the_steps_of_the_jerk(smooth, arm, tmp_path):
+    assert ro.export(smooth, format="moveit", out=tmp_path / "a.json").at_jerk_steps
+    assert not ro.export(smooth, format="csv", out=tmp_path / "a.csv").at_jerk_steps
+    assert not ro.export(arm, format="ros", out=tmp_path / "a.json").at_jerk_steps
+    assert ro.export(arm, format="ros", out=tmp_path / "a.json").jerk is None
+    *_, message = smooth.export(tmp_path / "folder", period=0.1)
+    np.testing.assert_array_equal(read(message)[1], at_jerk_steps(smooth, 0.1).samples.q)
 
 
 # Formats --------------------------------------------------------------------------------------------------

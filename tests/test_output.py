@@ -68,7 +68,7 @@ def command(arguments: list[str], folder: Path) -> tuple[int, str, str]:
         ["plan", BRIDGE, *SMALL, "--dry-run"],
         ["plan", BRIDGE, *SMALL, "gravity=[5, 0, -9]"],
         ["plan", BRIDGE, *SMALL, "objects.plank.mass=heavy"],
-        ["execute", "ipopt", "--trials", "2"],
+        ["execute", "ipopt", "--trials", "2", "--no-figures"],
         ["execute", "reachability", "--trials", "4", "--workers", "2", "execution.variation.friction=0.01"],
         ["execute", BLOCK, *SMALL, "--trials", "2"],
         pytest.param(["learn", BLOCK, *SMALL, "learning.iterations=2"], marks=pytest.mark.slow),

@@ -234,3 +234,13 @@ def test_a_xacro_file_says_how_to_run_xacro(tmp_path, name, made):
     with pytest.raises(RobotError, match=f"run `xacro {name} -o {made}`, and give {made}") as caught:
         load_robot(config)
     assert len(str(caught.value).splitlines()) == 1
+
+
+def test_joints_that_mimic_a_locked_joint_are_held_where_it_puts_them(tmp_path):
+    q3 = joint("q3", "l2", "l3", axis="0 1 0")
+    mimic = '<mimic joint="q4" multiplier="-2" offset="0.1"/></joint>'
+    text = urdf({}).replace(q3, q3.replace("</joint>", mimic))
+    robot = robot_of(text, tmp_path, locked={"q4": 0.2})
+    assert robot.n == 2
+    (note,) = robot.notes
+    assert note == "joints that mimic locked joints are held: q3 at -0.3"

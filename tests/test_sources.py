@@ -140,6 +140,28 @@ def test_limits_of_a_moveit_file_replace_those_of_the_model(arm):
     assert changed.robot.limits == config.robot.limits
 
 
+PILZ = "cartesian_limits: {max_trans_vel: 1, max_trans_acc: 2.25, max_trans_dec: 1.5, max_rot_vel: 1.57}"
+
+
+@pytest.mark.parametrize(
+    ("files", "given", "expected"),
+    [
+        ("pilz.yaml", {}, (1.0, 1.5)),
+        (["joint_limits.yaml", "pilz.yaml"], {}, (1.0, 1.5)),
+        ("both.yaml", {"cartesian": {"tool": {"speed": 0.3}, "b1": {"speed": 2.0}}}, (0.3, 1.5)),
+    ],
+)
+def test_limits_of_the_tool_are_read_from_a_file_of_moveit(arm, files, given, expected):
+    (arm / "pilz.yaml").write_text(PILZ)
+    (arm / "both.yaml").write_text(f"{LIMITS}\n{PILZ}")
+    config = config_of("arm.xml", arm, limits_file=files, limits=given)
+    tool = config.robot.limits.cartesian["tool"]
+    assert (tool.speed, tool.acceleration) == expected
+    assert set(config.robot.limits.cartesian) == {"tool", *given.get("cartesian", {})}
+    assert ("shoulder" in config.robot.limits.joints) == (files != "pilz.yaml")
+    assert load_config(dump(config)).robot.limits == config.robot.limits
+
+
 @pytest.mark.parametrize("given", [{"all": {"velocity": 2.0}}, {"shoulder": {"velocity": 2.0}}])
 def test_limits_of_the_configuration_replace_those_of_the_file(arm, given):
     limits = load_robot(config_of("arm.xml", arm, limits_file="joint_limits.yaml", limits=given)).limits
@@ -156,6 +178,8 @@ def test_limits_of_the_configuration_replace_those_of_the_file(arm, given):
         ("joint_limits: {shoulder: {has_velocity_limits: true}}", "max_velocity: found nothing; expected a number"),
         ("joint_limits: {shoulder: {has_velocity_limits: true, max_velocity: -1}}", "max_velocity: found -1; expected"),
         ("joint_limits: {shoulder: [", "not YAML"),
+        ("cartesian_limits: 3", "joint_limits.yaml:1: cartesian_limits: found 3; expected a section"),
+        ("cartesian_limits: {max_trans_dec: -5}", "cartesian_limits.max_trans_dec: found -5; expected a number"),
     ],
 )  # fmt: skip
 def test_mistakes_in_a_moveit_file_are_named_with_their_line(arm, text, complaint):

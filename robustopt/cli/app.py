@@ -255,7 +255,8 @@ def export(
     run: RunFolder,
     format: Annotated[FormatName, typer.Option(help="format of the file")] = FormatName.ros,
     period: Annotated[
-        float | None, typer.Option(help="time between samples [s]; default: output.period", show_default=False)
+        float | None,
+        typer.Option(help="time between samples [s]; default: output.period, or steps of the jerk", show_default=False),
     ] = None,
     out: Annotated[
         Path | None,
@@ -266,7 +267,8 @@ def export(
 ) -> int:
     """Write the motion of a stored plan for a controller.
 
-    The motion is slowed down uniformly, so that it ends on a whole period.
+    The motion is slowed down uniformly, so that it ends on a whole period. With jerk limits and without a period,
+    messages have samples at the steps of the jerk instead.
     """
     return export_stored(run, format.value, period, out, Output(json, quiet))
 

@@ -186,7 +186,8 @@ def export_stored(folder: Path, format: Format, period: float | None, out: Path 
     if output.json:
         print_json(vars(result) | {"file": str(result.file)})
     elif not output.quiet:
-        print(f"{result.file}: {result.samples:,} samples every {result.period:.6g} s, {result.duration:.6g} s")
+        when = "at the steps of the jerk" if result.at_jerk_steps else f"every {result.period:.6g} s"
+        print(f"{result.file}: {result.samples:,} samples {when}, {result.duration:.6g} s")
         for note in result.notes:
             print(f"note: {note}")
     return 0

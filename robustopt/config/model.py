@@ -138,10 +138,10 @@ class RobotConfig(Section):
         default=RobotLimits.model_validate({}),
         description="limits of the joints by their names, and of points of the robot in the world",
     )
-    limits_file: str | None = Field(
+    limits_file: str | tuple[str, ...] | None = Field(
         default=None,
-        description="file in the format of MoveIt's joint_limits.yaml, relative to the configuration, with limits of "
-        "velocity, acceleration and jerk, which replace those of the model; `limits` replaces them in turn",
+        description="file in the format of MoveIt's joint_limits.yaml or pilz_cartesian_limits.yaml, relative to the "
+        "configuration, or a list of such files; their limits replace those of the model, and `limits` replaces theirs",
     )
     locked: dict[str, Real] = Field(
         default={}, description="fixed positions of locked joints, by joint name [rad or m]"

@@ -10,8 +10,9 @@ from typing import Literal, get_args
 import numpy as np
 
 from robustopt.errors import ConfigError, RunFolderError
-from robustopt.exports.cycles import Motion, whole_cycles
+from robustopt.exports.cycles import Motion, at_jerk_steps, whole_cycles
 from robustopt.exports.messages import joint_trajectory, robot_trajectory, write_message
+from robustopt.exports.quintics import largest_jerk
 from robustopt.exports.tables import write_csv
 from robustopt.exports.urscript import STEP, program
 from robustopt.files import reason, write_text, written
@@ -28,6 +29,9 @@ NAMES: Mapping[Format, tuple[str, str]] = {
 }
 """First part and suffix of the names of files, between which the period stands."""
 
+JERK_TOLERANCE = 0.01
+"""Part of its limit by which the jerk between samples may exceed it without a remedy: what a certificate accepts."""
+
 
 @dataclass(frozen=True)
 class Exported:
@@ -36,19 +40,24 @@ class Exported:
     Attributes:
         file: name of the file.
         format: format of the file.
-        period: time between samples [s].
+        period: time between samples, where the jerk steps the longest one [s].
+        at_jerk_steps: whether there is a sample at every step of the jerk.
         samples: number of samples.
         planned: duration of the plan [s].
-        duration: duration of the motion in the file, a multiple of the period [s].
+        duration: duration of the motion in the file [s].
+        jerk: largest jerk of polynomials of fifth degree between the samples, as a share of its limit; None without
+            jerk limits, or if the file has positions alone.
         notes: remarks on differences from the plan.
     """
 
     file: Path
     format: Format
     period: float
+    at_jerk_steps: bool
     samples: int
     planned: float
     duration: float
+    jerk: float | None
     notes: tuple[str, ...]
 
 
@@ -69,17 +78,45 @@ def export_plan(plan: Plan, format: Format, period: float | None, out: Path | st
     """
     if format not in get_args(Format):
         raise ConfigError(f"found {format!r}; expected one of {', '.join(get_args(Format))}", key="format")
-    motion = whole_cycles(plan, plan.problem.config.output.period if period is None else period)
+    motion = _motion(plan, format, period)
     stem, suffix = NAMES[format]
-    file = folder / f"{stem}_{motion.period:.6g}s{suffix}" if out is None else Path(out)
-    notes = motion.notes
+    between = "jerk_steps" if motion.at_jerk_steps else f"{motion.period:.6g}s"
+    file = folder / f"{stem}_{between}{suffix}" if out is None else Path(out)
+    notes, jerk = motion.notes, None
     if format == "urscript":
         notes += _suits_universal_robots(plan, motion.period)
+    elif not plan.steady:
+        jerk, said = _jerk(plan, motion)
+        notes += (said,)
     try:
         _WRITERS[format](motion, file)
     except OSError as error:
         raise RunFolderError(f"{file}: cannot be written: {error.strerror or reason(error)}") from error
-    return Exported(file, format, motion.period, len(motion.samples.t), motion.planned, motion.duration, notes)
+    samples, at_steps = len(motion.samples.t), motion.at_jerk_steps
+    return Exported(file, format, motion.period, at_steps, samples, motion.planned, motion.duration, jerk, notes)
+
+
+def _motion(plan: Plan, format: Format, period: float | None) -> Motion:
+    """Return the motion of a file: at the steps of the jerk if the format has times and no period is given."""
+    usual = plan.problem.config.output.period
+    if period is None and format in ("ros", "moveit") and not plan.steady:
+        return at_jerk_steps(plan, usual)
+    return whole_cycles(plan, usual if period is None else period)
+
+
+def _jerk(plan: Plan, motion: Motion) -> tuple[float, str]:
+    """Return the largest jerk of polynomials of fifth degree between samples, as a share of its limit and in words."""
+    robot = plan.problem.robot
+    shares = largest_jerk(motion.samples) / robot.limits.jerk
+    worst = int(np.argmax(shares))
+    jerk = float(shares[worst])
+    said = (
+        f"polynomials of fifth degree between the samples, as in ROS controllers, reach {100 * jerk:.1f} % of the jerk "
+        f"limit of {robot.joint_names[worst]}"
+    )
+    if jerk > 1.0 + JERK_TOLERANCE:
+        said += "; the formats ros and moveit without a period have a sample at every step of the jerk"
+    return jerk, said
 
 
 def _suits_universal_robots(plan: Plan, period: float) -> tuple[str, ...]:

@@ -45,6 +45,24 @@ def lock_joints(spec: mujoco.MjSpec, original: mujoco.MjModel, locked: Mapping[s
     _delete_joints(spec, set(locked))
 
 
+def followers(original: mujoco.MjModel, locked: Mapping[str, float]) -> dict[str, float]:
+    """Return the positions of joints that mimic a locked joint, directly or through others [rad or m].
+
+    Args:
+        original: the model with all its joints.
+        locked: position by joint name [rad or m].
+    """
+    held, found = dict(locked), dict[str, float]()
+    couplings = np.flatnonzero((original.eq_type == mujoco.mjtEq.mjEQ_JOINT) & (original.eq_obj2id >= 0))
+    for k in np.tile(couplings, len(couplings)):
+        follower, leader = (original.joint(int(joint[k])) for joint in (original.eq_obj1id, original.eq_obj2id))
+        if original.eq_active0[k] and leader.name in held and follower.name not in held:
+            change = held[leader.name] - original.qpos0[leader.qposadr[0]]
+            offset = np.polynomial.polynomial.polyval(change, original.eq_data[k, :5])
+            held[follower.name] = found[follower.name] = float(original.qpos0[follower.qposadr[0]] + offset)
+    return found
+
+
 def _require_all_locked(body: mujoco.MjsBody, locked: Mapping[str, float], file: str) -> None:
     moving = [joint.name for joint in body.joints if joint.name not in locked]
     if moving:

@@ -26,7 +26,7 @@ from robustopt.robot.floating_base import (
 )
 from robustopt.robot.hands import Hand, shares, tool_frames
 from robustopt.robot.inertia import Inertia
-from robustopt.robot.locking import lock_joints
+from robustopt.robot.locking import followers, lock_joints
 from robustopt.robot.model_check import require_room
 from robustopt.robot.model_file import USUAL, compile_usable, model_file, read_model
 from robustopt.robot.soles import Sole, environment_contacts
@@ -97,15 +97,24 @@ def load_model(config: Config) -> RobotModel:
             hands = _attach_to_hands(spec, original, config, np.array(list(posture.values())))
         else:
             _attach_carrier(spec, original, config)
-    lock_joints(spec, original, config.robot.locked, file.name)
+    mimics = followers(original, config.robot.locked)
+    lock_joints(spec, original, mimics | config.robot.locked, file.name)
     _require_open_chain(spec, file.name)
     _place_base(spec, config.robot.base)
-    notes = (*content.notes, *without, *_tendon_notes(spec, original))
+    notes = (*content.notes, *without, *_tendon_notes(spec, original), *_mimic_notes(mimics))
     world_spec = spec.copy()
     replace_free_joints(spec)
     return RobotModel(
         spec, world_spec, original, file, limits, content.inertias, notes, base, posture, contacts, hands
     )  # fmt: skip
+
+
+def _mimic_notes(mimics: Mapping[str, float]) -> tuple[str, ...]:
+    """Return a note on joints that are held because they mimic locked ones; () without any."""
+    if not mimics:
+        return ()
+    held = ", ".join(f"{name} at {position:.6g}" for name, position in mimics.items())
+    return (f"joints that mimic locked joints are held: {held}",)
 
 
 def _require_matching_path(config: Config, model: mujoco.MjModel, base: int, file: str) -> None:

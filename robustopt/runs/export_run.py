@@ -17,11 +17,15 @@ def export(
 ) -> Exported:
     """Write a motion for a controller: a plan at every control cycle, slowed down so that it ends on a whole one.
 
+    A plan with jerk limits is written as a message without a period: its points are where the jerk steps, and at most
+    `output.period` apart. A controller that interpolates by polynomials of fifth degree then keeps the jerk limits.
+
     Args:
         source: a plan, or the folder of a run with a plan.
         format: `csv`, `ros` (a `trajectory_msgs/JointTrajectory`), `moveit` (a `moveit_msgs/RobotTrajectory`),
             `urscript` (a program for Universal Robots) or `npz` (arrays t, q, qd, qdd and joint_names).
-        period: time between samples [s]; default: `output.period` of the configuration.
+        period: time between samples [s]; default: `output.period` of the configuration, and for messages with jerk
+            limits the steps of the jerk.
         out: name of the file; the messages are JSON or YAML by its suffix. By default a file with the period in its
             name, in the folder of the run, or in the current one for a plan.
 

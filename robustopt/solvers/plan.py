@@ -135,7 +135,8 @@ class Plan:
 
         Returns:
             The files: `plan.csv` (at the grid points), `trajectory.csv` (every period), and `joint_trajectory.json`
-            (every period, in the shape of a ROS `trajectory_msgs/JointTrajectory` message).
+            (every period, with jerk limits at the steps of the jerk, in the shape of a ROS
+            `trajectory_msgs/JointTrajectory` message).
 
         Raises:
             Infeasible: the plan has no timing.
