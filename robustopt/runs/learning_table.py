@@ -70,7 +70,7 @@ def _parameters(records: Sequence[Iteration]) -> list[Shown]:
     """Return a column for each learned parameter, named by the end of its key; many are numbered."""
     keys = _keys(records)
     many = len(keys) > NAMED
-    heads = _numbered(keys) if many else [_short(key, keys) for key in keys]
+    heads = _numbered(keys) if many else [_short(key, keys).replace("_", " ") for key in keys]
     form = ".3g" if many else ".4g"
     return [Shown(head, _parameter(key, form)) for head, key in zip(heads, keys, strict=True)]
 

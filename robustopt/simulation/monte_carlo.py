@@ -16,6 +16,7 @@ import numpy as np
 from robustopt.arrays import Array
 from robustopt.config import Config, ExecutionConfig
 from robustopt.errors import ConfigError, SimulationFailed
+from robustopt.interruption import held
 from robustopt.processes import cores, in_processes
 from robustopt.simulation.cluster import on_cluster
 from robustopt.simulation.controller import Gains, Reference, controls
@@ -315,4 +316,6 @@ def is_random(execution: ExecutionConfig) -> bool:
 def _here(job: Job, chunks: Sequence[Sequence[int]], threads: int) -> Generator[list[TrialOutcome], None, None]:
     workspace = Workspace()
     for chunk in chunks:
-        yield run_trials(job, chunk, threads, workspace)
+        with held():  # libraries turn an interruption into errors of their own
+            outcomes = run_trials(job, chunk, threads, workspace)
+        yield outcomes
