@@ -1,4 +1,4 @@
-"""What an execution shows besides its success: how it failed first, and how far each object moved."""
+"""What an execution shows besides its success: its first failure, and how far each object moved."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _BETWEEN = {"tipped": "over", "fell": "off", "lost contact": "with", "lost grip"
 """Words between what failed and what it was in contact with, by the kind of the failure; `on` for all others."""
 
 UNKNOWN = "failure"
-"""Kind of a failure that nobody named."""
+"""Kind of an unspecified failure."""
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,7 @@ class Failure:
     """First failure of an execution, as far as it is known.
 
     Attributes:
-        kind: the way it failed, a value of `robustopt.simulation.Status`; `UNKNOWN` if nobody named it.
+        kind: the way it failed, a value of `robustopt.simulation.Status`; `UNKNOWN` if it is not specified.
         what: object, contact or joint that failed; empty if unknown.
         against: support or holder that it was in contact with; empty without one, or if unknown.
         t: time since the start of the motion [s]; None if unknown.
@@ -77,7 +77,7 @@ class Failures:
 
 
 def grouped(failures: Iterable[Failure]) -> tuple[Failures, ...]:
-    """Return failures by their name, the most frequent one first.
+    """Return failures grouped by name, the most frequent one first.
 
     Args:
         failures: the first failure of each execution that failed.

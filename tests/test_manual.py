@@ -184,11 +184,11 @@ def test_what_is_known_of_a_failure_comes_in_any_order(tmp_path, planned, answer
         assert failure.s == pytest.approx(Trajectory.from_plan(planned.plan).sample(np.array([t])).s[0])
 
 
-@pytest.mark.parametrize("answer", ["blok, slid", "block, slided", "block, -1", "block, 99", "nan"])
+@pytest.mark.parametrize("answer", ["blok, slid", "block, slided", "block, -1", "block, 99", "nan", "0.1, 0.2"])
 def test_a_failure_that_is_none_is_asked_for_again(tmp_path, planned, answer):
     person = Person("n", answer, "block", "")
     assert execute(tmp_path, planned, person).outcome.failure == Failure(UNKNOWN, "block", "tray")
-    wrong = answer.split(", ")[-1] if answer != "blok, slid" else "blok"
+    wrong = {"blok, slid": "blok", "0.1, 0.2": "0.1, 0.2 together"}.get(answer, answer.split(", ")[-1])
     assert person.told[1].startswith(f"Found '{wrong}'; expected a name (block, x), a kind (slid, ")
 
 
@@ -234,7 +234,7 @@ def test_a_log_gives_the_error_of_its_samples_of_motion(tmp_path, trajectory):
 
 
 def test_columns_may_stand_in_any_order_among_others(tmp_path, trajectory):
-    (tmp_path / "log.csv").write_text("qdd_x,q_x,t\n1.0,99,0.1\n3.0,99,0.2\n")
+    (tmp_path / "log.csv").write_text("qdd_x, q_x, t\n1.0, 99, 0.1\n\n3.0, 99, 0.2\n\n")
     found, _ = errors_of_log(tmp_path / "log.csv", trajectory, ("x",))
     planned = trajectory.sample(np.array([0.1, 0.2])).qdd[:, 0]
     assert found.count == 2
@@ -259,7 +259,7 @@ def test_accelerations_are_differentiated_from_positions_or_velocities(tmp_path,
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("t,q_x\n0.1,1\n0.2,1\n", "expected 8 or more samples"),
+        ("t,q_x\n0.1,1\n0.2,1\n", "2 samples of the motion; expected 8 or more"),
         ("t,qd_x\n" + "0.1,1\n" * 9, "times that do not rise"),
         ("", "no column t, qdd_x; expected the columns t, qdd_x, or those of qdd, qd or q"),
         ("t,qdd_other\n0.1,1\n", "no column qdd_x"),
@@ -267,7 +267,8 @@ def test_accelerations_are_differentiated_from_positions_or_velocities(tmp_path,
         ("t,qdd_x\n0.1,fast\n", "a line has a cell that is not a number"),
         ("t,qdd_x\n0.1\n", "a line has a cell that is not a number"),
         ("t,qdd_x\n0.1,nan\n", "not finite"),
-        ("t,qdd_x\n100,1\n-1,1\n", "no sample between 0 and"),
+        ("t,qdd_x\n-1,1\n100,1\n", "no sample between 0 and"),
+        ("t,qdd_x\n0.2,1\n0.1,1\n", "times that do not rise"),
     ],
 )
 def test_a_bad_log_is_refused(tmp_path, trajectory, text, message):

@@ -11,6 +11,7 @@ from robustopt.errors import ConfigError
 from robustopt.evidence import Failure
 from robustopt.learning.foresight import STEPS, Mechanism, NeedMap, blame
 from robustopt.learning.parameters import Parameter
+from robustopt.learning.physics import Physics
 from robustopt.learning.survival import base_needed, friction_needed
 from robustopt.learning.world import Run, posterior, prior
 from robustopt.runs.campaign import learn, learning_of, verdict_note
@@ -93,7 +94,7 @@ def test_a_belief_without_a_plan_has_no_need():
 @pytest.mark.parametrize(
     ("task", "key", "message"),
     [
-        ("waiter_bridge", "contact.friction", "does not stand on one support alone"),
+        ("waiter_bridge", "contact.friction", "found physics with plank, which does not stand on one support alone"),
         ("pick_suction", "contact.friction", "does not stand on one support alone"),
         ("waiter_two_blocks", "objects.upper.mass", "`physics` knows contact.friction and uncertainty.contact_points"),
     ],
@@ -115,7 +116,8 @@ MECHANISMS = tuple(Mechanism(what, (kind,)) for what in ("lower", "upper") for k
         (Failure("tipped", "upper"), [0, 0, 0, 1]),
         (Failure("fell", "upper"), [0, 0, 0.5, 0.5]),
         (Failure("slid"), [0.5, 0, 0.5, 0]),
-        (Failure("torque saturated", "joint1"), [0.25] * 4),
+        (Failure("torque saturated", "joint1"), [0] * 4),
+        (Failure("slid", "left foot"), [0] * 4),
         (Failure(), [0.25] * 4),
     ],
 )
@@ -203,7 +205,7 @@ def test_executions_that_vary_call_for_more_than_one_success():
         assert learning_of(config).executions_per_plan == times
         note = verdict_note(config)
         assert bool(note) is noted
-        assert not noted or f"learning.executions_per_plan={times} says it" in note
+        assert not noted or f"or {times} times in a row" in note
 
 
 def test_without_parameters_it_learns_friction_and_contact_points():
@@ -212,3 +214,31 @@ def test_without_parameters_it_learns_friction_and_contact_points():
     assert (friction.key, friction.optimistic, friction.conservative) == ("contact.friction", 0.8, 0.1)
     assert (inset.key, inset.optimistic, inset.conservative) == ("uncertainty.contact_points", 0.0, 0.025)
     assert learning_of(scene(objects={"block": FLAT}, learning={"algorithm": "ilrobs"})).parameters == ()
+
+
+def test_hardware_varies_whatever_its_simulation_does():
+    parameters = [{"key": "contact.friction", "optimistic": 1.0, "conservative": 0.05}]
+    config = scene(objects={"block": FLAT}, learning={"algorithm": "physics", "parameters": parameters})
+    assert learning_of(config).executions_per_plan == 1
+    assert learning_of(config, hardware=True).executions_per_plan == 7
+    assert verdict_note(config, hardware=True)
+
+
+def test_a_default_stands_for_the_contacts_without_a_value_of_their_own():
+    config = load_config(
+        CONFIGS / "waiter_two_blocks.yaml",
+        ["contact.friction={upper: 0.3, default: 0.5}", "solver.collocation_points=20"],
+    )
+    found = PlannedForesight(config, ["contact.friction.default"]).strengths(np.array([[0.2], [0.9]]))
+    np.testing.assert_allclose(np.exp(found[:, [0, 2]]), [[0.2, 0.3], [0.9, 0.3]])
+
+
+def test_a_failure_of_a_joint_tells_that_the_objects_had_survived():
+    a, b = learned(Run((0.0, 0.0), 1.0, Failure("torque saturated", "x", t=0.5)))
+    assert min(a[0], b[0]) > 0.4
+    assert max(a[2], b[2]) > 0.85
+
+
+def test_the_budget_must_suffice_to_confirm_a_plan():
+    with pytest.raises(ConfigError, match=r"found 5; expected at least learning\.executions_per_plan, 7"):
+        Physics(parameters=PAIR, cost=lambda values: values[:, 0], foresight=Ramp(), budget=5, executions_per_plan=7)

@@ -254,8 +254,8 @@ def _run_learner(config: Config, folder: Path, options: LearningOptions) -> Summ
         if not manual:
             require_same_versions(folder)
         with learning_table(options.output.silent or manual) as show_learned:
+            from robustopt.runs.campaign import configured_learner, verdict_note
             from robustopt.runs.campaign import learn as run_learner
-            from robustopt.runs.campaign import verdict_note
             from robustopt.runs.manual import Manual
 
             def progress(learned: Learned) -> None:
@@ -264,7 +264,9 @@ def _run_learner(config: Config, folder: Path, options: LearningOptions) -> Summ
                     show_learned(learned)
 
             executor = Manual(folder, ask, say) if manual else None
-            if (note := verdict_note(config)) and not options.output.silent:
+            note = "" if next(journal.entries(), None) else verdict_note(config, manual)
+            if note and not options.output.silent:
+                configured_learner(config, hardware=manual)  # a task that it refuses is said without the note
                 say(f"note: {note}")
             learned = run_learner(config, executor, journal=journal, workers=options.workers, progress=progress)
             stop_if_interrupted()

@@ -1,4 +1,4 @@
-"""What a learner by physics must know of a task: how objects can fail, and the strength that a plan needs (ours)."""
+"""Task model of the learner `physics`: how objects can fail, and the strength that a plan needs (ours)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from robustopt.arrays import Array
-from robustopt.evidence import Failure
+from robustopt.evidence import UNKNOWN, Failure
 from robustopt.learning.parameters import Parameter, values
 
 STEPS = 400
@@ -19,7 +19,13 @@ MOST_NODES = (33, 12, 6, 4, 3)
 """Number of nodes along each axis for 1, 2, ... parameters."""
 
 SLIDES, TIPS = ("slid",), ("tipped",)
-"""Kinds of failure that name one way to fail; `fell`, `lost contact` and others may follow from both."""
+"""Kinds of failure that name one way to fail."""
+
+OPEN = ("fell", "lost contact", UNKNOWN)
+"""Kinds of failure that can result from either."""
+
+NO_PLAN = 10.0
+"""Needed strength at a node without a plan, far above all others, as a logarithm."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +105,7 @@ class NeedMap:
             points: points of the unit cube (m, k).
 
         Returns:
-            Strengths (m, M); infinite near nodes without a plan.
+            Strengths (m, M); large near nodes without a plan.
         """
         nodes = self._nodes = self._grid() if self._nodes is None else self._nodes
         k, count = len(self._parameters), len(nodes)
@@ -117,24 +123,26 @@ class NeedMap:
         count = MOST_NODES[k - 1] if k <= len(MOST_NODES) else 2
         axes = np.meshgrid(*[np.linspace(0, 1, count)] * k, indexing="ij")
         found = self.foresight.needed(values(self._parameters, np.stack(axes, axis=-1).reshape(-1, k)))[:, -1]
-        return np.where(np.isnan(found), 10.0, found).reshape(*(count,) * k, -1)
+        return np.where(np.isnan(found), NO_PLAN, found).reshape(*(count,) * k, -1)
 
 
 def blame(failure: Failure, mechanisms: Sequence[Mechanism]) -> Array:
-    """Return the mechanisms that a failure names, with weights that sum up to 1, (M,).
+    """Return the mechanisms that may have caused a failure, with weights that sum up to 1, (M,).
+
+    All weights are 0 if the failure is none of an object, such as a joint torque at its limit.
 
     Args:
         failure: the failure, as far as it is known.
         mechanisms: the M mechanisms.
     """
-    told = any(failure.kind in item.kinds for item in mechanisms)
+    named = any(failure.kind in item.kinds for item in mechanisms)
+    if not named and failure.kind not in OPEN:
+        return np.zeros(len(mechanisms))
     fits = np.array(
         [
-            (not failure.what or item.what == failure.what) and (not told or failure.kind in item.kinds)
+            (not failure.what or item.what == failure.what) and (not named or failure.kind in item.kinds)
             for item in mechanisms
         ],
         dtype=float,
     )
-    if not fits.any():
-        fits[:] = 1.0
-    return fits / fits.sum()
+    return fits / max(fits.sum(), 1.0)

@@ -125,7 +125,7 @@ class End(Enum):
             End.ITERATION_LIMIT: "The interval of the acceleration error did not settle in the iterations allowed.",
             End.GAP: "The best plan is as close to the lower bound as was asked for.",
             End.BOXES: "No undecided box of parameters is larger than was asked for.",
-            End.UNLIKELY: "By the failures that were seen, no faster plan is likely to succeed.",
+            End.UNLIKELY: "Given the observed failures, no faster plan is likely to succeed.",
             End.BUDGET: "The executions allowed are used up.",
             End.FINISHED: "The learner reached its own end.",
             End.NO_SUCCESS: "No plan that was tested succeeded.",

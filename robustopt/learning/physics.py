@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from robustopt.arrays import Array
+from robustopt.errors import ConfigError
 from robustopt.evidence import Failure
 from robustopt.learning.branch_and_bound import BranchState
 from robustopt.learning.foresight import Foresight, NeedMap
@@ -19,11 +20,14 @@ from robustopt.learning.outcomes import End, Result
 from robustopt.learning.parameters import Point
 from robustopt.learning.world import Posteriors, Run, Worlds, posterior, prior
 
+DIVERGED = "simulation diverged"
+"""Kind of failure that says nothing of the world."""
+
 BOLD = 0.2
 """Chance with which a plan survives that is executed before any plan has failed."""
 
 RISK = 0.4
-"""Chance with which a plan fails that is executed later; halved with every further failure in a row."""
+"""Chance with which a plan fails that is executed later; halved with every failure in a row from the second on."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,6 +53,12 @@ class Physics(Informed):
     def needs(self) -> NeedMap:
         """Strength that plans need over the unit cube."""
         return NeedMap(self.parameters, self.foresight)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.budget < self.executions_per_plan:
+            expected = f"at least learning.executions_per_plan, {self.executions_per_plan}, which confirm the result"
+            raise ConfigError(f"found {self.budget}; expected {expected}", key="learning.budget")
 
     # Outcomes ---------------------------------------------------------------------------------------------
 
@@ -95,9 +105,9 @@ class Physics(Informed):
             proven = incumbent is not None and incumbent <= bound * (1 + self.gap)
             return replace(state, trial=None, end=End.GAP if proven else End.UNLIKELY)
         left = self.budget - state.executed - sum(row.result is Result.INFEASIBLE for row in state.rows)
-        if left >= times and (after.end is not None or left < 2 * times):
-            return self._testing(state, state.points[index])
-        return after
+        if left < times:
+            return replace(state, trial=None, end=End.BUDGET)
+        return self._testing(state, state.points[index]) if after.end is not None or left < 2 * times else after
 
     # The model --------------------------------------------------------------------------------------------
 
@@ -128,7 +138,8 @@ class Physics(Informed):
             return None
         chance = self._chance(self.posterior(state), points)
         likely = chance >= (1.0 - RISK / 2 ** max(streak - 1, 0) if len(known.failures) else BOLD)
-        order = np.argsort(np.where(likely, costs - cut, chance * (costs - cut)) + np.where(likely, -cut, 0.0))
+        gain = np.where(likely, 1.0, chance) * (cut - costs) + np.where(likely, cut, 0.0)  # likely ones come first
+        order = np.argsort(-gain, kind="stable")
         for index in order[:ATTEMPTS]:
             if self.map.exact(points[[index]])[0] < cut:
                 return tuple(points[index].tolist())
@@ -166,9 +177,9 @@ class Physics(Informed):
 
 
 def _outcomes(row: Row) -> list[Failure | None]:
-    """Return the outcome of each execution of a plan: None for a success, or its failure as far as it is known."""
+    """Return the outcomes of a plan that tell something: None for a success, or a failure as far as it is known."""
     failed = [next(iter(row.trial.failed), Failure())] if row.trial.failures else []
-    return [*[None] * row.trial.successes, *failed]
+    return [*[None] * row.trial.successes, *(item for item in failed if item.kind != DIVERGED)]
 
 
 def _failures_in_a_row(state: BranchState) -> int:

@@ -20,7 +20,7 @@ BASES = np.geomspace(0.05, 1.6, 96)
 """Parts of the base, about its middle, for which tipping is integrated."""
 
 FAR = 1e9
-"""Largest angle to which the tipping of a falling object is integrated, as if it stayed upright [rad]."""
+"""Cap on the integrated tilt, which prevents overflow [rad]."""
 
 STILL = 1e-9
 """Speed below which an object does not slide [m/s]."""

@@ -2,9 +2,9 @@
 
 A sample is a possible world: actual values of the parameters, and the error of the forecast. An object survives a
 mechanism as long as the strength L of the interface exceeds the strength R(t) that the plan needs up to the time t
-(`foresight`), both as logarithms. The error of the forecast consists of a bias of each L, of another one of the L that
-the time of a failure shows, of a spread sigma from one execution to the next, and of a lag of the failures behind the
-plan; all are estimated with the parameters.
+(`foresight`), both as logarithms. The error of the forecast consists of a bias of each L, of a second bias of strengths
+that follow from the time of a failure, of a spread sigma from one execution to the next, and of a lag of the failures
+behind the plan; all are estimated with the parameters.
 
     success                  product over all mechanisms of Phi((L - R(end)) / sigma)
     failure of one at t      N(R(t - lag); L, tau) times the product over all others of Phi((L - R(t - lag)) / tau)
@@ -57,7 +57,7 @@ WRONG = 0.1
 """Probability that the name of a failure is wrong."""
 
 LAPSE = 0.01
-"""Probability of an outcome with another cause."""
+"""Probability that an outcome is unrelated to the mechanisms of the model."""
 
 
 @dataclass(frozen=True)
@@ -140,6 +140,8 @@ class Worlds:
         total = np.zeros(len(self.z))
         for item in tested:
             needed = self.needs.exact(item.point)
+            if np.isnan(needed).any():
+                continue  # no forecast of this plan
             if item.failure is None:
                 logs = log_ndtr((strengths - needed[-1]) / sigma).sum(axis=1)
             elif item.failure.t is None:
@@ -150,14 +152,18 @@ class Worlds:
         return total
 
 
-def _weights(failure: Failure, needs: NeedMap) -> Array:
+def _weights(failure: Failure, needs: NeedMap) -> Array | None:
+    """Return the chance that each mechanism is the cause (M,); None if it is none of them."""
     named = blame(failure, needs.foresight.mechanisms)
-    return (1.0 - WRONG) * named + WRONG / len(named)
+    return (1.0 - WRONG) * named + WRONG / len(named) if named.any() else None
 
 
 def _failed_sometime(failure: Failure, margins: Array, sigma: Array, needs: NeedMap) -> Array:
     """Return the log-probability that a mechanism of those blamed fails before the end, (J,)."""
-    chance = ndtr(-margins / sigma) @ _weights(failure, needs)
+    weights = _weights(failure, needs)
+    if weights is None:
+        return np.zeros(len(margins))
+    chance = ndtr(-margins / sigma) @ weights
     return np.asarray(np.log(np.maximum(chance, 1e-300)))
 
 
@@ -174,10 +180,12 @@ def _failed_at(item: Run, needed: Array, strengths: Array, error: Array, lag: Ar
     slope = 0.5 * (needed[np.minimum(i + wide, STEPS)] - needed[np.maximum(i - wide, 0)])
     tau = np.hypot(error, slope)
     distance = (strengths - then) / tau
-    survives = log_ndtr(distance)
+    survives, weights = log_ndtr(distance), _weights(item.failure, needs)
+    if weights is None:  # all objects survived until then
+        return np.asarray(survives.sum(axis=1))
     density = -0.5 * distance**2 - np.log(tau) + survives.sum(axis=1, keepdims=True) - survives
     most = density.max(axis=1, keepdims=True)
-    chance = np.exp(density - most) @ _weights(item.failure, needs)
+    chance = np.exp(density - most) @ weights
     return np.asarray(most[:, 0] + np.log(chance))
 
 

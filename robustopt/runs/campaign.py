@@ -171,7 +171,7 @@ class _Campaign:
             raise ConfigError("found no objects; expected at least one that friction holds", key="objects")
         self.config = config
         self.settings = learning_of(config)
-        self.learner = learner or configured_learner(config, workers)
+        self.learner = learner or configured_learner(config, workers, hardware=not executor.fresh)
         self.executor, self.journal, self.progress = executor, journal, progress
         self.planner = Planner(config)
         self.state = replayed(self.learner, journal)
@@ -275,50 +275,53 @@ def made_again(planner: Planner, trial: Trial) -> PlanResult:
     return result
 
 
-def learning_of(config: Config) -> LearningConfig:
-    """Return the section `learning` with what it leaves to the task: executions per plan, parameters of `physics`.
+def learning_of(config: Config, hardware: bool = False) -> LearningConfig:
+    """Return the section `learning`, its executions per plan and parameters of `physics` filled in from the task.
 
     Args:
         config: the task.
+        hardware: whether a person executes the plans on a robot, where executions vary.
     """
     settings = config.learning or LearningConfig()
     if settings.algorithm == Physics.name and not settings.parameters:
         settings = settings.model_copy(update={"parameters": usual_parameters(config)})
     if settings.executions_per_plan is not None:
         return settings
-    varies = config.execution is not None and is_random(config.execution)
+    varies = hardware or (config.execution is not None and is_random(config.execution))
     times = paper_executions(settings.K, Reading(settings.reading)) if varies else 1
     return settings.model_copy(update={"executions_per_plan": times})
 
 
-def verdict_note(config: Config) -> str:
-    """Return a note on the success rate that a plan must have, empty unless the world decided on it.
+def verdict_note(config: Config, hardware: bool = False) -> str:
+    """Return a note on the success rate that a plan must have, empty if the user set it or one success suffices.
 
     Args:
         config: the task.
+        hardware: whether a person executes the plans on a robot.
     """
-    settings = learning_of(config)
+    settings = learning_of(config, hardware)
     given = config.learning is not None and config.learning.executions_per_plan is not None
     times = settings.executions_per_plan or 1
     if given or times == 1 or not settings.parameters:
         return ""
     return (
-        f"executions vary in this world, so a plan must succeed at a rate of about {1 - 1 / times:.2f}, or {times} "
-        f"times in a row (K = {settings.K:g}); learning.executions_per_plan={times} says it, and 1 asks for one success"
+        f"executions vary here, so a plan must succeed at a rate of about {1 - 1 / times:.2f}, or {times} times in a "
+        f"row (K = {settings.K:g}); set learning.executions_per_plan to 1 to accept a single success"
     )
 
 
-def configured_learner(config: Config, workers: int = 1) -> Learner[Any]:
+def configured_learner(config: Config, workers: int = 1, hardware: bool = False) -> Learner[Any]:
     """Return the learner that a configuration names, with all that it must know of the task.
 
     Args:
         config: the task.
         workers: number of processes that plan.
+        hardware: whether a person executes the plans on a robot.
 
     Raises:
         ConfigError: the learner does not fit the task.
     """
-    settings = learning_of(config)
+    settings = learning_of(config, hardware)
     keys = [parameter.key for parameter in settings.parameters]
     foresight = PlannedForesight(learned_from(config, keys), keys) if settings.algorithm == Physics.name else None
     return learner_of(settings, cost_of(config, settings, workers), foresight)

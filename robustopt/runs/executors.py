@@ -23,7 +23,7 @@ class Executor(Protocol):
     """Runner of plans."""
 
     fresh: bool
-    """Whether it can run any number of executions, so that a success rate can be estimated."""
+    """Whether it can run any number of executions, so that a success rate can be estimated; a robot cannot."""
 
     def ahead(self, wanted: int, done: int) -> int:
         """Return the number of executions to run together, at most `wanted`.

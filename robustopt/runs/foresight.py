@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,13 +11,15 @@ import numpy as np
 from robustopt.arrays import Array
 from robustopt.config import Config, ExecutionConfig, LearnedParameter, LearningConfig
 from robustopt.config.document import split_key
+from robustopt.config.per_name import value_of
 from robustopt.errors import ConfigError
 from robustopt.geometry import half_planes
 from robustopt.learning.foresight import SLIDES, STEPS, TIPS, Mechanism
 from robustopt.learning.survival import base_needed, friction_needed
-from robustopt.limits.systems import carried, stands_alone
-from robustopt.limits.uncertainty import bodies, uncertainty_of
+from robustopt.limits.systems import carried
+from robustopt.limits.uncertainty import bodies
 from robustopt.scene.patches import Law, Patch, patches
+from robustopt.scene.placement import supports
 from robustopt.solvers import Plan, Status
 from robustopt.solvers.batch import BatchPlanner
 from robustopt.solvers.trajectory import Trajectory
@@ -26,7 +28,7 @@ KEYS = (("contact", "friction"), ("uncertainty", "contact_points"))
 """Parameters whose effect on an execution is known."""
 
 LEAST_PART = 0.02
-"""Smallest part of a base that is told from none."""
+"""Smallest fraction of a base that is treated as nonzero."""
 
 
 LEAST_FRICTION = 0.05
@@ -41,8 +43,14 @@ def usual_parameters(config: Config) -> tuple[LearnedParameter, ...]:
 
     Args:
         config: the task.
+
+    Raises:
+        ConfigError: the interval of friction is too low.
     """
     low, high = (config.learning or LearningConfig()).friction
+    if high <= LEAST_FRICTION:
+        expected = f"an upper end above {LEAST_FRICTION:g}, from which physics searches"
+        raise ConfigError(f"found [{low:g}, {high:g}]; expected {expected}", key="learning.friction")
     halves = [_edges(patch.polygon)[2].min() for patch in patches(config)]
     inset = float(f"{MOST_INSET * min(halves, default=0.0):.2g}")
     friction = LearnedParameter(key="contact.friction", optimistic=high, conservative=max(low, LEAST_FRICTION))
@@ -108,11 +116,12 @@ class PlannedForesight:
         self._keys, self._batch = tuple(map(split_key, keys)), BatchPlanner(config, workers=1)
         self._config = self._batch.config
         named = {patch.object: patch for patch in patches(config) if patch.law is Law.FRICTION}
-        alone = all(name in named and stands_alone(config, name) for name in config.objects)
-        if not (config.objects and alone and config.path.steps is None):
+        others = [name for name, item in config.objects.items() if name not in named or len(supports(item)) > 1]
+        if others or config.path.steps is not None:
+            found = f"{others[0]}, which does not stand on one support alone" if others else "a robot that walks"
             raise ConfigError(
-                "found a task in which an object does not stand on one support alone, or a robot that walks; "
-                "`physics` knows objects on a tray and on each other: use bnb-informed",
+                f"found physics with {found}; expected objects on the tray and on each other: bnb-informed learns the "
+                "learning.parameters of other tasks",
                 key="learning.algorithm",
             )
         every = bodies(config)
@@ -128,13 +137,12 @@ class PlannedForesight:
 
     def strengths(self, values: Array) -> Array:
         """Return the friction and the remaining part of the base of every object (m, 2 objects)."""
-        nominal = uncertainty_of(self._config, len(self._batch.track.robot.joint_names), 0)
-        friction, inset = dict(nominal.friction), dict(nominal.contact_points)
         found = np.zeros((len(values), 2 * len(self._interfaces)))
         for i, item in enumerate(self._interfaces):
             name, object_ = item.patch.name, item.patch.object
-            mu = self._value(KEYS[0], (name, object_), values, friction[name][0])
-            moved = self._value(KEYS[1], (name, object_), values, inset[name])
+            nominal = value_of(self._config.contact.friction, (name, object_), np.nan)
+            mu = self._value(KEYS[0], (name, object_), values, nominal)
+            moved = self._value(KEYS[1], (name, object_), values, 0.0)
             found[:, 2 * i] = np.log(np.maximum(mu, 1e-3))
             found[:, 2 * i + 1] = np.log(np.maximum(1.0 - moved / item.edges[2].min(), LEAST_PART))
         return found
@@ -142,8 +150,10 @@ class PlannedForesight:
     def _value(self, section: tuple[str, str], names: tuple[str, str], values: Array, nominal: float) -> Array:
         """Return a quantity in each world: the value of the parameter that names it, or else the nominal one."""
         own = [j for j, key in enumerate(self._keys) if key[:2] == section and key[2:3] and key[2] in names]
-        all_ = [j for j, key in enumerate(self._keys) if key == section]
-        chosen = own or all_
+        given = getattr(getattr(self._config, section[0]), section[1])
+        named = isinstance(given, Mapping) and any(name in given for name in names)
+        whole = (section,) if named else (section, (*section, "default"))
+        chosen = own or [j for j, key in enumerate(self._keys) if key in whole]
         return values[:, chosen[0]] if chosen else np.full(len(values), nominal)
 
     def needed(self, values: Array) -> Array:

@@ -11,6 +11,7 @@ from robustopt.evidence import grouped
 from robustopt.learning.calibrated import Calibrated
 from robustopt.learning.earned import earned
 from robustopt.learning.learner import End, Result, Row
+from robustopt.learning.physics import Physics
 from robustopt.runs.beliefs import described
 from robustopt.runs.campaign import Learned
 from robustopt.runs.plan_run import PlanResult, summary
@@ -90,7 +91,15 @@ def sentence(learned: Learned) -> str:
     if returned is not None and returned is not best:
         answer = f"{described(returned.trial.belief)}: {returned.trial.duration:.4f} s, not executed as such"
         text += f" The algorithm returns {answer}{_fresh(learned, returned)}."
-    return f"{text} {end.sentence} {spent}.{_too_few_in_a_row(learned, best)}"
+    return f"{text} {end.sentence} {spent}.{_unconfirmed(learned, best)}{_too_few_in_a_row(learned, best)}"
+
+
+def _unconfirmed(learned: Learned, best: Row) -> str:
+    """Return a warning if the search by physics ended before its result had succeeded as often as it must."""
+    if not isinstance(learned.learner, Physics) or best.trial.successes >= learned.learner.executions_per_plan:
+        return ""
+    wanted = learned.learner.executions_per_plan
+    return f" The plan was not confirmed by {wanted} executions in a row: raise learning.budget."
 
 
 def _too_few_in_a_row(learned: Learned, best: Row) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable, Sequence
+from math import nan
 from pathlib import Path
 
 import numpy as np
@@ -77,7 +78,8 @@ class Manual:
         trajectory = Trajectory.from_plan(plan, speed)
         success = self._success()
         failure = None if success else self._failure(planned, trajectory)
-        errors, series = self._errors(trajectory, plan.problem.robot.joint_names)
+        end = trajectory.duration if failure is None or failure.t is None else failure.t
+        errors, series = self._errors(trajectory, plan.problem.robot.joint_names, end)
         return Execution(number, Executed(success, errors, failure, error_series=series))
 
     def _success(self) -> bool:
@@ -90,34 +92,34 @@ class Manual:
         config, robot = planned.config, planned.plan.problem.robot
         names = (*config.objects, *robot.contacts, *robot.joint_names)
         example = f"{names[0]}, {KINDS[0]}, {0.5 * trajectory.duration:.2f}"
+        tests: dict[str, Callable[[str], bool]] = {
+            "what": names.__contains__, "kind": KINDS.__contains__,
+            "time": lambda word: 0.0 <= _number(word) <= trajectory.duration,
+        }  # fmt: skip
         while True:
             answer = self._ask(f"What failed first, how, and when [s], such as `{example}` (Enter if unknown)? ")
-            found, wrong = {"kind": UNKNOWN, "what": ""}, ""
-            t: float | None = None
-            for word in filter(None, map(str.strip, answer.split(","))):
-                if word in names:
-                    found["what"] = word
-                elif word in KINDS:
-                    found["kind"] = word
-                elif (time := _number(word)) is not None and 0.0 <= time <= trajectory.duration:
-                    t = time
-                else:
-                    wrong = word
+            words = [word.strip() for word in answer.split(",") if word.strip()]
+            told = {kind: [word for word in words if test(word)] for kind, test in tests.items()}
+            wrong = [word for word in words if not any(word in some for some in told.values())]
+            wrong += [f"{', '.join(some)} together" for some in told.values() if len(some) > 1]
             if not wrong:
                 break
             self._say(
-                f"Found {wrong!r}; expected a name ({', '.join(names)}), a kind ({', '.join(KINDS)}), or a time from 0 "
-                f"to {trajectory.duration:.4g} s."
+                f"Found {wrong[0]!r}; expected a name ({', '.join(names)}), a kind ({', '.join(KINDS)}), or a time "
+                f"from 0 to {trajectory.duration:.4g} s, each at most once."
             )
-        what = found["what"]
+        what, kind, time = ("".join(told[part]) for part in tests)
+        t = float(time) if time else None
         against = " and ".join(supports(config.objects[what])) if what in config.objects else ""
         s = None if t is None else float(trajectory.sample(np.array([t])).s[0])
-        return Failure(found["kind"], what, against, t, s)
+        return Failure(kind or UNKNOWN, what, against, t, s)
 
-    def _errors(self, trajectory: Trajectory, joints: tuple[str, ...]) -> tuple[Moments, tuple[Values, ...]]:
+    def _errors(
+        self, trajectory: Trajectory, joints: tuple[str, ...], end: float
+    ) -> tuple[Moments, tuple[Values, ...]]:
         while text := self._ask("Log of the motion, a CSV file (Enter for none): ").strip():
             try:
-                return errors_of_log(Path(text).expanduser(), trajectory, joints)
+                return errors_of_log(Path(text).expanduser(), trajectory, joints, end)
             except OSError as error:
                 self._say(f"{text}: cannot be read: {error.strerror or error}")
             except (ValueError, csv.Error) as error:
@@ -125,28 +127,30 @@ class Manual:
         return Moments(), ()
 
 
-def errors_of_log(path: Path, trajectory: Trajectory, joints: tuple[str, ...]) -> tuple[Moments, tuple[Values, ...]]:
+def errors_of_log(
+    path: Path, trajectory: Trajectory, joints: tuple[str, ...], end: float | None = None
+) -> tuple[Moments, tuple[Values, ...]]:
     """Return the executed minus the planned joint acceleration in a log: its moments, and its means over time.
 
-    Samples before the start and after the end of the motion are left out. The errors of velocities and
-    positions are differentiated, and low-passed as those of a simulation are.
+    Samples before the start and after the end of the motion, or after its failure, are left out. The errors of
+    velocities and positions are differentiated, and low-passed as those of a simulation are.
 
     Args:
         path: CSV with the columns t, the time since the start of the motion [s], and qdd_<joint>, qd_<joint> or
             q_<joint> for every joint [rad or m, and per s or s^2]; the first of these that the file has is used.
         trajectory: that was executed.
         joints: their names.
+        end: time of the failure [s]; None without one.
 
     Raises:
         ValueError: the file is not such a log.
         OSError: the file cannot be read.
     """
     times, kind, values = _read_log(path, joints)
-    moving = (times > 0) & (times < trajectory.duration)
+    last = trajectory.duration if end is None else end
+    moving = (times > 0) & (times < last)
     if not moving.any():
-        raise ValueError(
-            f"no sample between 0 and {trajectory.duration:.4g} s, the motion; expected times since its start"
-        )
+        raise ValueError(f"no sample between 0 and {last:.4g} s, the motion; expected times since its start")
     times = times[moving]
     error = values[moving] - getattr(trajectory.sample(times), kind)
     if kind != "qdd":
@@ -155,24 +159,26 @@ def errors_of_log(path: Path, trajectory: Trajectory, joints: tuple[str, ...]) -
     return moments, means_of_parts(error, times / trajectory.duration)
 
 
-def _number(text: str) -> float | None:
+def _number(text: str) -> float:
+    """Return a text as a number, nan if it is none."""
     try:
         return float(text)
     except ValueError:
-        return None
+        return nan
 
 
 def _differentiated(times: Array, values: Array, order: int) -> tuple[Array, Array]:
     """Return equal time steps (T,) and the low-passed derivative of some order of values (T, n) at them."""
-    if len(times) < LEAST_SAMPLES or not (np.diff(times) > 0).all():
-        raise ValueError(f"times that do not rise, or too few; expected {LEAST_SAMPLES} or more samples in order")
+    if len(times) < LEAST_SAMPLES:
+        raise ValueError(f"{len(times)} samples of the motion; expected {LEAST_SAMPLES} or more to differentiate")
     even = np.linspace(times[0], times[-1], len(times))
     return even, low_passed(CubicSpline(times, values)(even, order), even[1] - even[0])
 
 
 def _read_log(path: Path, joints: tuple[str, ...]) -> tuple[Array, str, Array]:
     """Return the times (T,) of a log, the kind of its columns, and their values (T, n)."""
-    rows = list(csv.reader(io.StringIO(read_text(path, MOST_BYTES), newline="")))
+    text = io.StringIO(read_text(path, MOST_BYTES), newline="")
+    rows = [row for row in csv.reader(text, skipinitialspace=True) if row]
     heads = rows[0] if rows else []
     expected = {kind: ["t", *(f"{kind}_{name}" for name in joints)] for kind in ("qdd", "qd", "q")}
     kind = next((kind for kind, wanted in expected.items() if set(wanted) <= set(heads)), "")
@@ -187,4 +193,6 @@ def _read_log(path: Path, joints: tuple[str, ...]) -> tuple[Array, str, Array]:
         raise ValueError("a line has a cell that is not a number; expected numbers in every line") from None
     if not values.size or not np.isfinite(values).all():
         raise ValueError("no samples, or numbers that are not finite; expected finite numbers")
+    if not (np.diff(values[:, 0]) > 0).all():
+        raise ValueError("times that do not rise; expected samples in their order")
     return values[:, 0], kind, values[:, 1:]
