@@ -113,9 +113,9 @@ def torque(problem: TimeScalingProblem, box: Box) -> Limit:
     limits = problem.limits.torque
     per_limit = problem.limits.motion.dynamics.mass_matrix * box.radius / problem.robot.limits.torque[:, None]
     every = np.arange(2 * problem.robot.n)
-    family = Family(limits.B, limits.loads, limits.base, limits.base_terms, every)
+    family = Family(limits.load_rows, limits.loads, limits.base, limits.base_terms, every)
     own_error = np.concatenate([per_limit, -per_limit], axis=1)
-    return Limit(limits.B, limits.base, own_error, np.ones(len(box.names), dtype=bool), family)
+    return Limit(limits.load_rows, limits.base, own_error, np.ones(len(box.names), dtype=bool), family)
 
 
 def _facets(config: Config, patch: Patch, corners: Array, mu: float) -> Array:
