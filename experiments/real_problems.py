@@ -130,7 +130,7 @@ class RealProblem:
             belief = Belief(parameters=tuple(zip(self._keys, self._values(np.array([key]))[0], strict=True)))
             planned = self._planner.plan(belief)
             solved = bool(np.isfinite(planned.plan.duration))
-            success = solved and self._executor.run(planned, [0], 1.0)[0].success
+            success = solved and self._executor.run(planned, [0], 1.0)[0].outcome.success
             self._executed[key] = success, planned.plan.duration
         return self._executed[key]
 

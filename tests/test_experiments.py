@@ -175,6 +175,8 @@ class TestPlanningBenchmark:
             ("batch", "reachability, rows and solve"),
             ("paper's split", "ipopt, inner programs"),
             ("discretisation", "reachability"),
+            *(("control rate", call) for call in ("new joint path", "new tray poses", "collision check")),
+            *(("control rate", call) for call in ("certificate", "ro.solve", "passes", "joint paths, all together")),
         }
 
     def test_times_and_ratios_are_positive_and_finite(self, records):
