@@ -12,6 +12,9 @@ _BETWEEN = {"tipped": "over", "fell": "off", "lost contact": "with", "lost grip"
 UNKNOWN = "failure"
 """Kind of an unspecified failure."""
 
+DIVERGED = "simulation diverged"
+"""Kind of a failure of the simulation itself, which says nothing of the world."""
+
 
 @dataclass(frozen=True)
 class Failure:

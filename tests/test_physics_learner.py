@@ -8,7 +8,7 @@ from scenes import FLAT, scene
 
 from robustopt.config.load import load_config
 from robustopt.errors import ConfigError
-from robustopt.evidence import Failure
+from robustopt.evidence import DIVERGED, Failure
 from robustopt.learning.foresight import STEPS, Mechanism, NeedMap, blame
 from robustopt.learning.parameters import Parameter
 from robustopt.learning.physics import Physics
@@ -16,6 +16,7 @@ from robustopt.learning.survival import base_needed, friction_needed
 from robustopt.learning.world import Run, posterior, prior
 from robustopt.runs.campaign import learn, learning_of, verdict_note
 from robustopt.runs.foresight import PlannedForesight
+from robustopt.simulation import Status
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 G = 9.81
@@ -242,3 +243,7 @@ def test_a_failure_of_a_joint_tells_that_the_objects_had_survived():
 def test_the_budget_must_suffice_to_confirm_a_plan():
     with pytest.raises(ConfigError, match=r"found 5; expected at least learning\.executions_per_plan, 7"):
         Physics(parameters=PAIR, cost=lambda values: values[:, 0], foresight=Ramp(), budget=5, executions_per_plan=7)
+
+
+def test_a_failure_of_the_simulation_has_one_name():
+    assert Status.DIVERGED.value == DIVERGED

@@ -44,6 +44,28 @@ def settled(values: Array) -> Array:
     return np.asarray(np.ldexp(np.round(mantissa * 2.0**BITS) / 2.0**BITS, exponent))
 
 
+def interpolated(nodes: Array, points: Array) -> Array:
+    """Interpolate values at the nodes of a grid over the unit cube multilinearly.
+
+    Args:
+        nodes: M values at each node, (n, ..., n, M).
+        points: points of the unit cube, (m, k).
+
+    Returns:
+        Values, (m, M).
+    """
+    k, count = nodes.ndim - 1, len(nodes)
+    place = np.asarray(points) * (count - 1)
+    cell = np.minimum(place.astype(int), count - 2)
+    share, table = place - cell, nodes.reshape(-1, nodes.shape[-1])
+    strides = count ** np.arange(k - 1, -1, -1)
+    total = np.zeros((len(place), nodes.shape[-1]))
+    for corner in np.ndindex(*(2,) * k):
+        weight = np.prod(np.where(corner, share, 1 - share), axis=1)
+        total += weight[:, None] * table[(cell + np.array(corner)) @ strides]
+    return total
+
+
 class CostMap:
     """The duration f* over the unit cube: exact at single points, and interpolated from a grid as a guide.
 
@@ -94,16 +116,7 @@ class CostMap:
             Durations, (m,) [s].
         """
         nodes = self._nodes = self._grid() if self._nodes is None else self._nodes
-        place = np.asarray(points) * (len(nodes) - 1)
-        cell = np.minimum(place.astype(int), len(nodes) - 2)
-        share = place - cell
-        table = nodes.ravel()
-        strides = len(nodes) ** np.arange(nodes.ndim - 1, -1, -1)
-        total = np.zeros(len(place))
-        for corner in np.ndindex(*(2,) * nodes.ndim):
-            weight = np.prod(np.where(corner, share, 1 - share), axis=1)
-            total += weight * table[(cell + np.array(corner)) @ strides]
-        return settled(np.exp(total))
+        return settled(np.exp(interpolated(nodes[..., None], points)[:, 0]))
 
     def require_growth(self) -> None:
         """Check that f*, at the nodes of the grid, depends on every parameter and never decreases along one.

@@ -10,6 +10,7 @@ import numpy as np
 
 from robustopt.arrays import Array
 from robustopt.evidence import UNKNOWN, Failure
+from robustopt.learning.cost_map import interpolated
 from robustopt.learning.parameters import Parameter, values
 
 STEPS = 400
@@ -108,14 +109,7 @@ class NeedMap:
             Strengths (m, M); large near nodes without a plan.
         """
         nodes = self._nodes = self._grid() if self._nodes is None else self._nodes
-        k, count = len(self._parameters), len(nodes)
-        place = np.asarray(points) * (count - 1)
-        cell = np.minimum(place.astype(int), count - 2)
-        share, total = place - cell, np.zeros((len(place), nodes.shape[-1]))
-        for corner in np.ndindex(*(2,) * k):
-            weight = np.prod(np.where(corner, share, 1 - share), axis=1)
-            total += weight[:, None] * nodes[tuple((cell + np.array(corner)).T)]
-        return total
+        return interpolated(nodes, points)
 
     def _grid(self) -> Array:
         """Return the strength at the nodes (n, ..., n, M); a large one without a plan."""

@@ -10,8 +10,8 @@ import numpy as np
 
 from robustopt.arrays import Array
 from robustopt.errors import ConfigError
-from robustopt.evidence import Failure
-from robustopt.learning.branch_and_bound import BranchState
+from robustopt.evidence import DIVERGED, Failure
+from robustopt.learning.branch_and_bound import BranchAndBound, BranchState
 from robustopt.learning.foresight import Foresight, NeedMap
 from robustopt.learning.informed import ATTEMPTS, SUSPICION, Informed
 from robustopt.learning.learner import Row, Trial
@@ -19,9 +19,6 @@ from robustopt.learning.monotone import Knowledge
 from robustopt.learning.outcomes import End, Result
 from robustopt.learning.parameters import Point
 from robustopt.learning.world import Posteriors, Run, Worlds, posterior, prior
-
-DIVERGED = "simulation diverged"
-"""Kind of failure that says nothing of the world."""
 
 BOLD = 0.2
 """Chance with which a plan survives that is executed before any plan has failed."""
@@ -93,7 +90,7 @@ class Physics(Informed):
         return len(state.points) - 1 - state.points[::-1].index(best)
 
     def _to_beat(self, incumbent: float | None) -> float:
-        return self._conservative if incumbent is None else incumbent
+        return BranchAndBound._to_beat(self, incumbent)
 
     def _next(self, state: BranchState, bound: float, incumbent: float | None) -> BranchState:
         """Return the state with its next trial; at the end of the search, the incumbent is confirmed or fails."""
@@ -158,9 +155,8 @@ class Physics(Informed):
 
     def _least(self, state: BranchState) -> float:
         """Return the cost below which no plan survives by the model, with a chance of `SUSPICION` that it is wrong."""
-        known, model = self.knowledge(state), self.posterior(state)
-        proven = float(self.map.exact(known.lower_corners()).min(initial=np.inf))
-        points = self._spread(state, known)
+        proven, model = BranchAndBound._least(self, state), self.posterior(state)
+        points = self._spread(state, self.knowledge(state))
         costs = self.map.guide(points)
         order = np.argsort(costs, kind="stable")
         survives = self.meets(model, model.margin(points[order]))
